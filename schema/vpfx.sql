@@ -1,0 +1,98 @@
+-- The store of vpfx: the only definition of its tables. Requirements: specs/format.md.
+-- x and y are in the units of the CRS, z and errors in metres, ids positive and unique in their table, NULL = none.
+
+CREATE TABLE metadata (                    -- R-110: what was built, from what, how
+  name TEXT NOT NULL PRIMARY KEY,          -- such as method, options, crs_wkt2, vertical_datum
+  value TEXT NOT NULL                      -- text; JSON where it has parts
+);
+
+CREATE TABLE source (                      -- R-111: the elevation files
+  source_id INTEGER PRIMARY KEY,           -- in order of name
+  name TEXT NOT NULL,                      -- file name without folder
+  sha256 TEXT NOT NULL,                    -- of the whole file, hexadecimal
+  byte_count INTEGER NOT NULL,             -- bytes
+  driver TEXT NOT NULL                     -- GDAL driver that read it
+);
+
+CREATE TABLE level (                       -- R-120: one complete TIN each
+  level INTEGER PRIMARY KEY,               -- 0 is the coarsest
+  max_error_bound DOUBLE,                  -- metres: no valid post is off by more; NULL where no bound was asked for
+  max_error DOUBLE NOT NULL,               -- metres: greatest vertical error measured at the valid posts
+  rmse DOUBLE NOT NULL,                    -- metres: root mean square of the vertical errors
+  post_count INTEGER NOT NULL,             -- valid posts measured
+  node_count INTEGER NOT NULL,             -- nodes of the level, those of coarser levels included
+  edge_count INTEGER NOT NULL,             -- edges
+  face_count INTEGER NOT NULL,             -- faces
+  first_border_edge INTEGER,               -- ids of the edges on borders between tiles lie from this ...
+  last_border_edge INTEGER,                -- ... to this; NULL if there are none
+  border_digest BLOB NOT NULL              -- R-140: BLAKE2b, 16 bytes, over the nodes new at this level and the edges on borders between tiles
+);
+
+CREATE TABLE tile (                        -- R-130: the extent, cut
+  tile_id INTEGER PRIMARY KEY,             -- 1…n, west to east, then south to north
+  tile_name TEXT NOT NULL UNIQUE,          -- r<row>c<column>, from the south-west
+  xmin DOUBLE NOT NULL,                    -- CRS units
+  ymin DOUBLE NOT NULL,                    -- CRS units
+  xmax DOUBLE NOT NULL,                    -- CRS units
+  ymax DOUBLE NOT NULL                     -- CRS units
+);
+
+CREATE VIRTUAL TABLE tile_index USING rtree( -- R-131: finds tiles by place
+  tile_id,                                 -- as in tile
+  xmin, xmax, ymin, ymax                   -- CRS units, rounded outwards to single precision
+);
+
+CREATE TABLE tile_level (                  -- R-132: where the rows of one tile and level lie, and what they add up to
+  tile_level_id INTEGER PRIMARY KEY,       -- (tile_id - 1) * number of levels + level + 1
+  tile_id INTEGER NOT NULL REFERENCES tile(tile_id), -- tile
+  level INTEGER NOT NULL REFERENCES level(level), -- level
+  first_node INTEGER, last_node INTEGER,   -- ids of the nodes that are new at this level and not on a tile border; NULL if none
+  first_edge INTEGER, last_edge INTEGER,   -- ids of the edges not on a tile border; NULL if none
+  first_face INTEGER, last_face INTEGER,   -- ids of the faces; NULL if none
+  digest BLOB NOT NULL                     -- R-140: BLAKE2b, 16 bytes, over the rows of the tile and level
+);
+
+CREATE TABLE node (                        -- R-150: corners of faces
+  node_id INTEGER PRIMARY KEY,             -- on a tile border or corner by place (R-152), else running
+  tile_id INTEGER NOT NULL,                -- tile; on a border the one of least id
+  level INTEGER NOT NULL,                  -- level at which the node first appears; it belongs to every finer one
+  x DOUBLE NOT NULL,                       -- CRS units
+  y DOUBLE NOT NULL,                       -- CRS units
+  z DOUBLE NOT NULL,                       -- metres
+  xyz BLOB NOT NULL                        -- the same as three little-endian doubles (VPF type Y), for the layers
+);
+
+CREATE TABLE edge (                        -- R-160: winged edges of every level
+  edge_id INTEGER PRIMARY KEY,             -- on a tile border by place (R-152), else running
+  tile_id INTEGER NOT NULL,                -- tile; on a border the one of least id
+  level INTEGER NOT NULL,                  -- level
+  start_node INTEGER NOT NULL,             -- node
+  end_node INTEGER NOT NULL,               -- node
+  right_face INTEGER,                      -- face to the right from start to end; NULL: outside
+  left_face INTEGER,                       -- face to the left; NULL: outside
+  right_edge INTEGER NOT NULL,             -- next edge counter-clockwise round the end node
+  left_edge INTEGER NOT NULL               -- next edge counter-clockwise round the start node
+);
+
+CREATE TABLE face (                        -- R-170: triangles of every level
+  face_id INTEGER PRIMARY KEY,             -- running by tile, then level, then parent
+  tile_id INTEGER NOT NULL,                -- tile
+  level INTEGER NOT NULL,                  -- level
+  node_1 INTEGER NOT NULL,                 -- corners, counter-clockwise seen from above
+  node_2 INTEGER NOT NULL,                 -- node
+  node_3 INTEGER NOT NULL,                 -- node
+  edge_1 INTEGER NOT NULL,                 -- joins node_1 and node_2
+  edge_2 INTEGER NOT NULL,                 -- joins node_2 and node_3
+  edge_3 INTEGER NOT NULL,                 -- joins node_3 and node_1
+  is_filled INTEGER NOT NULL,              -- 1: on ground without data, heights interpolated (built with fill)
+  slope_centidegrees INTEGER NOT NULL,     -- steepness, hundredths of a degree, 0 is level ground
+  aspect_centidegrees INTEGER              -- direction of steepest descent, hundredths of a degree clockwise from grid north; NULL: level
+);
+
+CREATE TABLE parent_child (                -- R-180: links between a level and the next finer one
+  child_face INTEGER NOT NULL,             -- face of level k + 1
+  parent_face INTEGER NOT NULL,            -- face of level k that shares area with it
+  PRIMARY KEY (child_face, parent_face)
+) WITHOUT ROWID;
+
+CREATE INDEX parent_child_by_parent ON parent_child (parent_face, child_face);

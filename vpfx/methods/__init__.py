@@ -1,0 +1,11 @@
+"""Ways to turn a patch of posts into a hierarchy: one method a file, all in the table `METHODS`."""
+
+from vpfx.methods import wynne
+from vpfx.methods.base import Border, Method, Patch, checked_options
+from vpfx.registry import table
+
+__all__ = ["METHODS", "Border", "Method", "Patch", "checked_options"]
+
+METHODS = table(
+    wynne.METHOD,
+)

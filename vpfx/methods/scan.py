@@ -1,0 +1,211 @@
+"""Vertical errors of posts against faces: the kernels that read every post of a face.
+
+All places are in posts of the patch: u is the column, v the row. ``aspect`` turns u into units of v for lengths.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+
+__all__ = ["Candidates", "ScanRule", "candidates", "scan_faces", "surface_height"]
+
+NONE = -1
+# A post this near a face's edge counts as inside, in posts: no post may fall between two faces by rounding.
+EDGE_SLACK = 1e-9
+
+
+class ScanRule(NamedTuple):
+    """Which posts count for what.
+
+    Attributes
+    ----------
+    band : float
+        Half width of the band round an edge in which posts count for the edge, heights of a post spacing.
+    end_share : float
+        Posts whose foot is nearer than this share of the edge to its ends do not count for the edge.
+    inner_share : float
+        A post counts as inside for rule 4 if its least barycentric share is at least this ...
+    inner_away : float
+        ... and it is so far from every edge, heights of a post spacing.
+    """
+
+    band: float
+    end_share: float
+    inner_share: float
+    inner_away: float
+
+
+class Candidates(NamedTuple):
+    """What a scan found: places where a mesh is off by more than the bound.
+
+    Attributes
+    ----------
+    side_error : float64 (3 * n_face,)
+        Greatest error over the bound among the posts in the band of the side, 0 for none.
+    side_along : float64 (3 * n_face,)
+        Foot of that post on the side: 0 at its start, 1 at its end.
+    side_post : int64 (3 * n_face,)
+        That post: row × n_col + column.
+    face_error : float64 (n_face,)
+        Greatest error in the face, metres; infinite before the first scan.
+    face_post : int64 (n_face,)
+        Its post, -1 for none.
+    inner_post : int64 (n_face,)
+        Post in the middle of the face with the greatest error over the bound, -1 for none.
+    """
+
+    side_error: np.ndarray
+    side_along: np.ndarray
+    side_post: np.ndarray
+    face_error: np.ndarray
+    face_post: np.ndarray
+    inner_post: np.ndarray
+
+
+def candidates(face_error: np.ndarray) -> Candidates:
+    """Room for the candidates of a mesh whose greatest errors are known (infinite where not)."""
+    n = len(face_error)
+    none = np.full(n, NONE, np.int64)
+    return Candidates(np.zeros(3 * n), np.zeros(3 * n), np.full(3 * n, NONE, np.int64), face_error, none, none.copy())
+
+
+@njit(nogil=True, cache=True)
+def surface_height(heights, u, v):
+    """Height of the posts' surface at (u, v), metres.
+
+    Bilinear in a square with four valid corners, the plane of three where one is void, else the nearest valid corner;
+    continuous over ground with data and equal to the posts at the posts. NaN where no corner is valid.
+    """
+    n_row, n_col = heights.shape
+    col = min(max(int(np.floor(u)), 0), n_col - 2)
+    row = min(max(int(np.floor(v)), 0), n_row - 2)
+    x, y = u - col, v - row
+    sw, se = heights[row, col], heights[row, col + 1]
+    nw, ne = heights[row + 1, col], heights[row + 1, col + 1]
+    n_void = int(np.isnan(sw)) + int(np.isnan(se)) + int(np.isnan(nw)) + int(np.isnan(ne))
+    if n_void == 1:  # continue the plane of the three others to the void corner
+        if np.isnan(sw):
+            sw = se + nw - ne
+        elif np.isnan(se):
+            se = sw + ne - nw
+        elif np.isnan(nw):
+            nw = sw + ne - se
+        else:
+            ne = se + nw - sw
+    elif n_void > 1:
+        nearest, height = 9.0, np.nan
+        for j in range(2):
+            for i in range(2):
+                corner = heights[row + j, col + i]
+                distance = (x - i) ** 2 + (y - j) ** 2
+                if not np.isnan(corner) and distance < nearest:
+                    nearest, height = distance, corner
+        return height
+    return (sw * (1.0 - x) + se * x) * (1.0 - y) + (nw * (1.0 - x) + ne * x) * y
+
+
+@njit(nogil=True, cache=True)
+def _columns(corner, row, n_col):
+    """First and last column of the posts of one row inside a face (u, v of three corners), edges included."""
+    low, high = -np.inf, np.inf
+    for i in range(3):
+        px, py = corner[i, 0], corner[i, 1]
+        qx, qy = corner[(i + 1) % 3, 0], corner[(i + 1) % 3, 1]
+        if qy > py:  # the inside lies to the west of a northward edge
+            high = min(high, px + (qx - px) * ((row - py) / (qy - py)))
+        elif qy < py:
+            low = max(low, px + (qx - px) * ((row - py) / (qy - py)))
+    low = max(low, min(corner[0, 0], corner[1, 0], corner[2, 0]))
+    high = min(high, max(corner[0, 0], corner[1, 0], corner[2, 0]))
+    return max(0, int(np.ceil(low - EDGE_SLACK))), min(n_col - 1, int(np.floor(high + EDGE_SLACK)))
+
+
+@njit(nogil=True, cache=True)
+def _note(found, corner, area, face, post, row, col, error, aspect, rule):
+    """Enter a post that is off by more than the bound as candidate of its sides and of its face's middle.
+
+    share is the barycentric share of the corner opposite a side.
+    """
+    is_inner = True
+    for i in range(3):
+        px, py = corner[i, 0], corner[i, 1]
+        qx, qy = corner[(i + 1) % 3, 0], corner[(i + 1) % 3, 1]
+        share = ((qx - px) * (row - py) - (col - px) * (qy - py)) / area
+        east, north = (qx - px) * aspect, qy - py
+        square = east * east + north * north
+        across = (share * area * aspect) ** 2  # squared distance from the side, times square
+        is_inner = is_inner and share >= rule.inner_share and across >= rule.inner_away**2 * square
+        side = 3 * face + i
+        if error > found.side_error[side]:
+            along = ((col - px) * aspect * east + (row - py) * north) / square
+            if across <= rule.band**2 * square and rule.end_share <= along <= 1.0 - rule.end_share:
+                found.side_error[side] = error
+                found.side_along[side] = along
+                found.side_post[side] = post
+    return is_inner
+
+
+@njit(nogil=True, cache=True)
+def scan_faces(nodes, face_nodes, heights, residual, bound, aspect, rule, found):
+    """Compare every face whose greatest error is over the bound, or unknown, with its posts.
+
+    Parameters
+    ----------
+    nodes : float64 (n_node, 3)
+        u, v in posts, height in metres.
+    face_nodes : int32 (n_face, 3)
+    heights : float64 (n_row, n_col)
+        Metres; NaN posts are passed over.
+    residual : float64 (n_row, n_col)
+        Takes the vertical error of every post looked at, metres.
+    bound : float
+        Errors up to this are none, metres.
+    aspect : float
+        Width of a post spacing divided by its height.
+    rule : ScanRule
+        Which posts count for an edge and which for the middle of a face.
+    found : Candidates
+        Changed in place.
+
+    Notes
+    -----
+    Cost: O(posts of the faces looked at).
+    """
+    n_row, n_col = heights.shape
+    corner = np.empty((3, 2))
+    for face in range(len(face_nodes)):
+        if found.face_error[face] <= bound:
+            continue
+        for i in range(3):
+            corner[i, 0] = nodes[face_nodes[face, i], 0]
+            corner[i, 1] = nodes[face_nodes[face, i], 1]
+        x0, y0, z0 = corner[0, 0], corner[0, 1], nodes[face_nodes[face, 0], 2]
+        x1, y1, z1 = corner[1, 0] - x0, corner[1, 1] - y0, nodes[face_nodes[face, 1], 2] - z0
+        x2, y2, z2 = corner[2, 0] - x0, corner[2, 1] - y0, nodes[face_nodes[face, 2], 2] - z0
+        area = x1 * y2 - x2 * y1
+        east, north = (z1 * y2 - z2 * y1) / area, (z2 * x1 - z1 * x2) / area
+        worst, worst_post, inner = 0.0, NONE, bound
+        found.inner_post[face] = NONE
+        south = max(0, int(np.ceil(min(corner[0, 1], corner[1, 1], corner[2, 1]) - EDGE_SLACK)))
+        top = min(n_row - 1, int(np.floor(max(corner[0, 1], corner[1, 1], corner[2, 1]) + EDGE_SLACK)))
+        for row in range(south, top + 1):
+            first, last = _columns(corner, row, n_col)
+            base = z0 + north * (row - y0) - east * x0
+            for col in range(first, last + 1):
+                error = abs(heights[row, col] - (base + east * col))
+                if np.isnan(error):
+                    continue
+                residual[row, col] = error
+                if error > worst:
+                    worst, worst_post = error, row * n_col + col
+                if error > bound:
+                    post = row * n_col + col
+                    is_inner = _note(found, corner, area, face, post, row, col, error, aspect, rule)
+                    if is_inner and error > inner:
+                        inner = error
+                        found.inner_post[face] = post
+        found.face_error[face] = worst
+        found.face_post[face] = worst_post

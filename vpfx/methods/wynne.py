@@ -1,0 +1,247 @@
+"""The recommended method: the paper's variant of Scarlatos, rules 1 to 4, in two modes.
+
+* Pass mode is the paper to the letter: a start grid, then each pass looks at every edge once for its most significant
+  point, and inside the faces with no broken edge; one pass a level.
+* Bounded mode repeats guarded passes until no post is off by more than the bound of the level.
+
+The four rules are the only ways to cut (`vpfx.methods.cut`); the modes differ in which edges they break and where
+(`vpfx.methods.breaks`). Source: paper-facts §2, design.md §5, specs/methods.md M-100 … M-160.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vpfx.errors import InputError, InvariantError
+from vpfx.methods import breaks
+from vpfx.methods.base import Method, Patch
+from vpfx.methods.borders import LevelRule
+from vpfx.methods.cut import cut_faces
+from vpfx.methods.scan import ScanRule, candidates, scan_faces
+from vpfx.methods.start import start_mesh
+from vpfx.model import Hierarchy
+from vpfx.topology import find_twins
+
+__all__ = ["METHOD", "build"]
+
+# Bounded mode (figures and reasons: specs/methods.md M-140)
+GUARD = 0.6  # an edge may break if it is at least this share of the longest edge of both its faces
+MIDDLE = 0.35  # a break keeps this share of the edge from both its ends
+BAND = ScanRule(band=0.45, end_share=0.15, inner_share=0.28, inner_away=0.0)
+BOUND_SLACK = 1e-6  # the builder works to the bound less this share, so that rounding never shows a post over it
+MOST_PASSES = 1000  # a level takes 10 to 40; more is a bug
+
+DIAGONALS = {"shorter": 0, "random": 1, "least-error": 2}
+DEFAULTS: dict[str, Any] = {
+    "max_error": None,
+    "passes": None,
+    "grid": None,
+    "tolerance": 0.0,
+    "xy_tolerance": 0.0,
+    "xy_ratio": 0.1,
+    "diagonal": "shorter",
+    "start": "grid",
+    "start_posts": 200,
+}
+SQUARE = 64  # posts to a side of a start square in bounded mode
+
+
+class _Mesh:
+    """The mesh in the making: flat arrays, replaced as a whole by every pass."""
+
+    def __init__(self, patch: Patch, options: Mapping[str, Any]) -> None:
+        n_row, n_col = patch.heights.shape
+        significant = options["start_posts"] if options["start"] == "delaunay" else 0
+        start = start_mesh(patch, *squares(options, n_row, n_col), significant)
+        row, col = start.posts[:, 0], start.posts[:, 1]
+        self.patch = patch
+        self.nodes = np.stack([col, row, patch.heights[row, col]], axis=1).astype(np.float64)
+        self.face_nodes = np.ascontiguousarray(start.face_nodes)
+        self.side_twin = find_twins(self.face_nodes, len(self.nodes))
+        self.is_filled = start.is_filled
+        self.face_error = np.full(len(self.face_nodes), np.inf)
+        self.ancestor = np.arange(len(self.face_nodes), dtype=np.int32)
+        self.residual = np.full(patch.heights.shape, np.nan)
+        most = max(len(border.rank) for border in patch.borders)
+        self.ranks = np.stack([np.pad(b.rank, (0, most - len(b.rank))) for b in patch.borders])
+
+    def limits(self, level: int) -> NDArray[np.int64]:
+        """Ranks below which posts of the four borders are nodes at a level, -1 for borders that are not fixed."""
+        return np.array([b.limit[level] if b.is_fixed else -1 for b in self.patch.borders], np.int64)
+
+    def scan(self, bound: float, rule: ScanRule) -> Any:
+        """Compare the faces not known to hold the bound with their posts."""
+        found = candidates(self.face_error)
+        scan_faces(
+            self.nodes, self.face_nodes, self.patch.heights, self.residual, bound, self.patch.aspect, rule, found
+        )
+        return found
+
+    def state(self, level: int) -> tuple[Any, Any, Any, int]:
+        """Empty states and nodes of all sides, with the breaks of the fixed borders already in."""
+        n_side = len(self.side_twin)
+        state, side_node = np.zeros(n_side, np.int8), np.full(n_side, -1, np.int32)
+        new_nodes = np.empty((2 * n_side // 3 + 3, 3)) if n_side else np.empty((0, 3))
+        count = breaks.force_border_breaks(
+            self.nodes, self.face_nodes, self.side_twin, self.ranks, self.limits(level), self.patch.heights.shape,
+            state, side_node, new_nodes, self.patch.heights,
+        )  # fmt: skip
+        return state, side_node, new_nodes, count
+
+    def cut(self, pending: Any, found: Any, bound: float, middle: float, diagonal: str) -> bool:
+        """Place the chosen breaks and cut; tell whether anything was cut."""
+        state, side_node, new_nodes, count = pending
+        patch = self.patch
+        face_node = np.full(len(self.face_nodes), -1, np.int32)
+        most = count + int((state == breaks.BROKEN).sum()) + len(self.face_nodes)
+        room = np.empty((most, 3))
+        room[:count] = new_nodes[:count]
+        count = breaks.place_nodes(
+            self.nodes, self.face_nodes, self.side_twin, patch.heights, bound, middle, state, found, side_node,
+            face_node, room, count,
+        )  # fmt: skip
+        if count == 0:
+            return False
+        flip = breaks.choose_diagonals(
+            self.nodes, room[:count], self.face_nodes, side_node, patch.heights, patch.aspect, DIAGONALS[diagonal],
+            patch.seed + len(self.nodes),
+        )  # fmt: skip
+        child, twin, parent = cut_faces(self.face_nodes, self.side_twin, side_node, face_node, flip)
+        is_cut = np.bincount(parent, minlength=len(self.face_nodes))[parent] > 1
+        self.face_error = np.where(is_cut, np.inf, found.face_error[parent])
+        self.nodes = np.concatenate([self.nodes, room[:count]])
+        self.face_nodes, self.side_twin = child, twin
+        self.is_filled = self.is_filled[parent]
+        self.ancestor = self.ancestor[parent]
+        return True
+
+
+def _reach_bound(mesh: _Mesh, level: int, bound: float, diagonal: str) -> None:
+    """Cut until no post is off by more than the bound and the fixed borders have all nodes of the level."""
+    bound *= 1.0 - BOUND_SLACK
+    for _ in range(MOST_PASSES):
+        found = mesh.scan(bound, BAND)
+        pending = mesh.state(level)
+        length = breaks.side_lengths(mesh.nodes, mesh.face_nodes, mesh.patch.aspect)
+        breaks.choose_breaks(
+            mesh.nodes, mesh.face_nodes, mesh.side_twin, mesh.patch.heights.shape[1], bound, mesh.patch.aspect, GUARD,
+            length, pending[0], found,
+        )  # fmt: skip
+        if not mesh.cut(pending, found, bound, MIDDLE, diagonal):
+            if (mesh.face_error > bound).any():
+                raise InvariantError(f"wynne: level {level}: found a face off by more than {bound} m that nothing cuts")
+            return
+    raise InvariantError(f"wynne: level {level}: found no end after {MOST_PASSES} passes")
+
+
+def _one_pass(mesh: _Mesh, level: int, options: Mapping[str, Any]) -> None:
+    """Look once at every edge and every face, as the paper does."""
+    tolerance, share = options["tolerance"], options["xy_ratio"]
+    away = options["xy_tolerance"] / mesh.patch.post_metres[1]
+    found = mesh.scan(tolerance, ScanRule(band=-1.0, end_share=0.0, inner_share=share, inner_away=away))
+    pending = mesh.state(level)
+    breaks.find_significant(
+        mesh.nodes, mesh.face_nodes, mesh.side_twin, mesh.patch.heights, mesh.patch.aspect, tolerance, away, share,
+        pending[0], found,
+    )  # fmt: skip
+    mesh.cut(pending, found, tolerance, 0.0, options["diagonal"])
+
+
+def levels(options: Mapping[str, Any]) -> list[LevelRule | None]:
+    """Rule of every level for the borders; None for a level that is the start mesh.
+
+    Raises
+    ------
+    InputError
+        Neither or both of max_error and passes are given, or a value makes no sense.
+    """
+    bounds, passes = options["max_error"], options["passes"]
+    if (bounds is None) == (passes is None):
+        raise InputError("wynne: found neither or both of max_error and passes, expected one of them")
+    if options["diagonal"] not in DIAGONALS:
+        raise InputError(f"wynne: found diagonal {options['diagonal']!r}, expected one of: {', '.join(DIAGONALS)}")
+    if options["start"] not in ("grid", "delaunay"):
+        raise InputError(f"wynne: found start {options['start']!r}, expected grid or delaunay")
+    if bounds is not None:
+        bounds = list(bounds)
+        if not bounds or any(not np.isfinite(b) or b <= 0 for b in bounds):
+            raise InputError(f"wynne: found max_error {bounds}, expected positive numbers of metres")
+        if any(fine >= coarse for coarse, fine in zip(bounds, bounds[1:], strict=False)):
+            raise InputError(f"wynne: found max_error {bounds}, expected each smaller than the one before")
+        return [LevelRule(bound * (1.0 - BOUND_SLACK), MIDDLE, 0.0, 0.0, True) for bound in bounds]
+    if passes < 0 or options["tolerance"] < 0 or options["xy_tolerance"] < 0 or not 0 <= options["xy_ratio"] < 0.5:
+        raise InputError("wynne: found a negative number of passes or tolerance, or xy_ratio outside 0 … 0.5")
+    rule = LevelRule(options["tolerance"], 0.0, options["xy_tolerance"], options["xy_ratio"], False)
+    return [None, *[rule] * passes]
+
+
+def squares(options: Mapping[str, Any], n_row: int, n_col: int) -> tuple[int, int]:
+    """Rows and columns of the start grid over n_row × n_col posts: as asked, or squares of about `SQUARE` posts."""
+    if options["grid"]:
+        return options["grid"][1], options["grid"][0]
+    return max(1, round((n_row - 1) / SQUARE)), max(1, round((n_col - 1) / SQUARE))
+
+
+def build(patch: Patch, options: Mapping[str, Any]) -> Hierarchy:
+    """Build all levels over one patch.
+
+    Parameters
+    ----------
+    patch : Patch
+    options : mapping
+        All keys of `DEFAULTS`.
+
+    Returns
+    -------
+    Hierarchy
+        Nodes in posts of the patch; faces of each level in the order of their parents.
+
+    Raises
+    ------
+    InvariantError
+        The bound was not reached: a bug.
+    """
+    rules = levels(options)
+    mesh = _Mesh(patch, options)
+    faces, links, filled, counts, errors, squared, posts = [], [], [], [], [], [], []
+    for level, rule in enumerate(rules):
+        mesh.ancestor = np.arange(len(mesh.face_nodes), dtype=np.int32)
+        if rule is None:
+            pass
+        elif rule.repeats:
+            _reach_bound(mesh, level, options["max_error"][level], options["diagonal"])
+        else:
+            _one_pass(mesh, level, options)
+        if rule is None or not rule.repeats:
+            mesh.face_error[:] = np.inf
+            mesh.scan(0.0, BAND)
+        if level:
+            links.append(np.stack([mesh.ancestor, np.arange(len(mesh.ancestor), dtype=np.int32)], axis=1))
+        faces.append(mesh.face_nodes)
+        filled.append(mesh.is_filled)
+        counts.append(len(mesh.nodes))
+        residual = mesh.residual[patch.is_owned]
+        errors.append(float(residual.max(initial=0.0)))
+        squared.append(float(residual @ residual))
+        posts.append(len(residual))
+    node_level = np.repeat(np.arange(len(counts), dtype=np.int32), np.diff(counts, prepend=0))
+    return Hierarchy(
+        mesh.nodes, node_level, tuple(faces), tuple(links), tuple(filled),
+        tuple(options["max_error"] or [float("nan")] * len(faces)), tuple(errors), tuple(squared), tuple(posts),
+    )  # fmt: skip
+
+
+METHOD = Method(
+    name="wynne",
+    title="variant of Scarlatos by Wynne",
+    source="Abdelguerfi et al. 1998, doi:10.1080/136588198241536, §5",
+    nested=True,
+    defaults=DEFAULTS,
+    levels=levels,
+    squares=squares,
+    build=build,
+)

@@ -1,0 +1,259 @@
+"""The pipeline in one page: DEM → patches → method → store."""
+
+from __future__ import annotations
+
+import dataclasses
+import os
+import time
+from collections import deque
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from concurrent.futures import Future, ThreadPoolExecutor
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from vpfx import __version__
+from vpfx.dem import Dem, open_dem
+from vpfx.errors import InputError
+from vpfx.methods import METHODS, Method, Patch, checked_options
+from vpfx.model import Grid, Hierarchy
+from vpfx.patches import Ground, PatchReader
+from vpfx.registry import pick
+from vpfx.store.rows import Place
+from vpfx.store.tiles import DEFAULT_TILE_SIZE, Tile, Tiling
+from vpfx.store.writer import LevelSummary, StoreWriter
+
+__all__ = ["BuildReport", "build", "build_hierarchy"]
+
+Progress = Callable[[int, int], None]
+LEAST_BOUND, MOST_BOUND = 1e-3, 1e5  # metres: where that search starts
+BUDGET_SHARE = 1e-3  # it ends when the bound is known to this share of itself
+
+
+@dataclass(frozen=True)
+class BuildReport:
+    """What was built.
+
+    Attributes
+    ----------
+    path : Path
+        The store.
+    levels : tuple of LevelSummary
+        Counts, bounds and measured errors, coarse to fine.
+    ground : Ground
+        Posts, voids and areas.
+    tiles : int
+        Number of tiles.
+    seconds : float
+        Wall-clock time from opening the DEM to the finished file.
+    """
+
+    path: Path
+    levels: tuple[LevelSummary, ...]
+    ground: Ground
+    tiles: int
+    seconds: float
+
+
+def build(
+    paths: str | os.PathLike[str] | Sequence[str | os.PathLike[str]],
+    output: str | os.PathLike[str],
+    *,
+    method: str = "wynne",
+    max_faces: Sequence[int] | None = None,
+    tile_size: int = DEFAULT_TILE_SIZE,
+    workers: int | None = None,
+    fill: bool = False,
+    seed: int = 0,
+    overwrite: bool = False,
+    progress: Progress | None = None,
+    dem_options: Mapping[str, Any] | None = None,
+    **options: Any,
+) -> BuildReport:
+    """Turn elevation files into a store.
+
+    Parameters
+    ----------
+    paths : path or sequence of paths
+        Elevation files, as for `vpfx.dem.open_dem`.
+    output : path
+        The store to make, normally ``*.gpkg``.
+    method : str
+        Name in `vpfx.methods.METHODS`.
+    max_faces : sequence of int, optional
+        Budget of faces of each level, instead of the option max_error: the smallest bound that fits is found.
+    tile_size : int
+        Greatest number of post spacings along a side of a tile.
+    workers : int, optional
+        Threads that triangulate; the processors if not given. The rows are the same for any number.
+    fill : bool
+        Whether voids are filled by interpolation; the faces there are marked.
+    seed : int
+        Start of all random choices.
+    overwrite : bool
+        Whether an existing store is replaced, once the new one is complete.
+    progress : callable, optional
+        Called with the tiles done and the tiles in all.
+    dem_options : mapping, optional
+        Options of `vpfx.dem.open_dem`: crs, bbox, band, nodata, vertical_unit, vertical_datum.
+    **options
+        Options of the method.
+
+    Returns
+    -------
+    BuildReport
+
+    Raises
+    ------
+    InputError, NotFoundError, DemFormatError, StoreError
+        What was passed, the files, or the place of the store do not do; nothing is left behind.
+
+    Notes
+    -----
+    Source: design.md §2. Memory is bounded by a few tiles, not by the DEM.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     report = build("fixtures/dem/new_mexico_n36_w108.dt2", f"{folder}/nm.gpkg", max_error=(40, 20))
+    ...     [level.max_error <= level.max_error_bound for level in report.levels]
+    [True, True]
+    """
+    start = time.perf_counter()
+    part = pick(METHODS, method, "method")
+    chosen = checked_options(part, options)
+    if workers is not None and workers < 1:
+        raise InputError(f"workers: found {workers}, expected at least 1")
+    n_worker = workers or os.cpu_count() or 1
+    with open_dem(paths, **(dem_options or {})) as dem:
+        if max_faces is not None:
+            chosen["max_error"] = _fit_budget(dem, part, chosen, max_faces, tile_size, n_worker, fill, seed)
+        tiling = Tiling(dem.n_row, dem.n_col, tile_size, len(part.levels(chosen)))
+        place = Place(dem.x0, dem.y0, dem.dx, dem.dy)
+        with StoreWriter(Path(output), tiling, place, dem.crs, overwrite) as writer:
+            reader = PatchReader(dem, tiling, part, chosen, fill, seed)
+            for tile, patch, hierarchy in _built(reader, tiling, part, chosen, n_worker):
+                writer.add(tile, hierarchy, patch.post_metres)
+                if progress:
+                    progress(tile.index + 1, tiling.n_tile)
+            bounds = list(chosen["max_error"]) if chosen.get("max_error") is not None else [None] * tiling.n_level
+            metadata = _metadata(dem, part, chosen, max_faces, tile_size, fill, seed, reader.ground)
+            sources = [(s.name, s.sha256, s.n_byte, s.driver) for s in sorted(dem.sources, key=lambda s: s.name)]
+            levels = writer.finish(bounds, metadata, sources)
+    return BuildReport(Path(output), tuple(levels), reader.ground, tiling.n_tile, time.perf_counter() - start)
+
+
+def build_hierarchy(grid: Grid, *, method: str = "wynne", fill: bool = False, seed: int = 0, **options: Any) -> Hierarchy:
+    """Build the levels of one grid in memory, as one tile.
+
+    Parameters
+    ----------
+    grid : Grid
+    method, fill, seed, **options
+        As for `build`.
+
+    Returns
+    -------
+    Hierarchy
+        Nodes in CRS units.
+
+    Examples
+    --------
+    >>> grid = Grid(np.add.outer(np.zeros(9), np.abs(np.arange(9.0) - 4)))
+    >>> build_hierarchy(grid, max_error=(0.5,)).max_error[0] <= 0.5
+    True
+    """
+    part = pick(METHODS, method, "method")
+    chosen = checked_options(part, options)
+    n_row, n_col = grid.heights.shape
+    tiling = Tiling(n_row, n_col, max(n_row, n_col, 8), len(part.levels(chosen)))
+    patch = PatchReader(_GridDem(grid), tiling, part, chosen, fill, seed).read(tiling.tile(0))
+    local = part.build(patch, chosen)
+    nodes = local.nodes * np.array([grid.dx, grid.dy, 1.0]) + np.array([grid.x0, grid.y0, 0.0])
+    return dataclasses.replace(local, nodes=nodes, crs=grid.crs)
+
+
+class _GridDem:
+    """A grid in memory where a DEM is read."""
+
+    def __init__(self, grid: Grid) -> None:
+        self._grid = grid
+        self.n_row, self.n_col = grid.heights.shape
+
+    def read(self, row_start: int, row_stop: int, col_start: int, col_stop: int) -> Any:
+        return self._grid.heights[row_start:row_stop, col_start:col_stop]
+
+    def post_metres(self, *_: int) -> tuple[float, float]:
+        return self._grid.post_metres
+
+
+def _built(
+    reader: PatchReader, tiling: Tiling, method: Method, options: Mapping[str, Any], n_worker: int
+) -> Iterator[tuple[Tile, Patch, Hierarchy]]:
+    """Tiles in order with their hierarchies, built by threads; a few are under way at once."""
+    tiles = [tiling.tile(index) for index in range(tiling.n_tile)]
+    with ThreadPoolExecutor(n_worker) as pool:
+        under_way: deque[tuple[Tile, Patch, Future[Hierarchy]]] = deque()
+        for tile in tiles:
+            patch = reader.read(tile)
+            under_way.append((tile, patch, pool.submit(method.build, patch, options)))
+            if len(under_way) > n_worker:
+                first, its_patch, result = under_way.popleft()
+                yield first, its_patch, result.result()
+        for first, its_patch, result in under_way:
+            yield first, its_patch, result.result()
+
+
+def _fit_budget(
+    dem: Dem, method: Method, options: Mapping[str, Any], max_faces: Sequence[int], tile_size: int, n_worker: int,
+    fill: bool, seed: int,
+) -> list[float]:  # fmt: skip
+    """Smallest bound of each level that needs no more faces than its budget, level by level from the coarsest."""
+    if options.get("max_error") is not None or options.get("passes") is not None:
+        raise InputError("max_faces: found max_error or passes too, expected only one of the three")
+    if not max_faces or any(n < 2 for n in max_faces) or list(max_faces) != sorted(set(max_faces)):
+        raise InputError(f"max_faces: found {list(max_faces)}, expected rising numbers of at least 2 faces")
+
+    def n_face(bounds: list[float]) -> int:
+        chosen = {**options, "max_error": bounds}
+        tiling = Tiling(dem.n_row, dem.n_col, tile_size, len(bounds))
+        reader = PatchReader(dem, tiling, method, chosen, fill, seed)
+        return sum(h.tin(len(bounds) - 1).n_face for _, _, h in _built(reader, tiling, method, chosen, n_worker))
+
+    bounds: list[float] = []
+    for budget in max_faces:
+        coarse, fine = (bounds[-1] if bounds else MOST_BOUND), LEAST_BOUND
+        least = n_face(bounds or [coarse])
+        if least > budget:
+            raise InputError(f"max_faces: found a budget of {budget}, expected at least {least}, the start grid; use --grid")
+        while coarse > fine * (1.0 + BUDGET_SHARE):
+            middle = (coarse * fine) ** 0.5
+            coarse, fine = (middle, fine) if n_face([*bounds, middle]) <= budget else (coarse, middle)
+        bounds.append(coarse)
+    return bounds
+
+
+def _metadata(
+    dem: Dem, method: Method, options: Mapping[str, Any], max_faces: Sequence[int] | None, tile_size: int, fill: bool,
+    seed: int, ground: Ground,
+) -> dict[str, Any]:  # fmt: skip
+    """Rows of the table `metadata`."""
+    return {
+        "software": f"vpfx {__version__}",
+        "method": method.name,
+        "method_source": method.source,
+        "options": {**options, "max_faces": max_faces, "tile_size": tile_size, "fill": fill},
+        "seed": seed,
+        "vertical_unit": "metre",
+        "source_vertical_unit": dem.vertical_unit,
+        "source_vertical_unit_is_assumed": dem.vertical_unit_is_assumed,
+        "vertical_datum": dem.vertical_datum,
+        "posts": ground.posts,
+        "void_posts": ground.void_posts,
+        "isolated_posts": ground.isolated_posts,
+        "area_m2": ground.area_m2,
+        "void_area_m2": ground.void_area_m2,
+    }

@@ -1,0 +1,67 @@
+"""Digests of the rows of one tile and level: what shows a silent change (specs/format.md R-140)."""
+
+from __future__ import annotations
+
+import hashlib
+import sqlite3
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+__all__ = ["Digest", "read_digest"]
+
+NULL = np.iinfo(np.int64).min
+
+_TABLES = (
+    ("node", "node_id, tile_id, level, x, y, z, xyz", "node_id BETWEEN {first_node} AND {last_node}", "node_id"),
+    ("edge", "edge_id, tile_id, level, start_node, end_node, right_face, left_face, right_edge, left_edge",
+     "edge_id BETWEEN {first_edge} AND {last_edge}", "edge_id"),
+    ("face", "face_id, tile_id, level, node_1, node_2, node_3, edge_1, edge_2, edge_3, is_filled, slope_centidegrees, "
+     "aspect_centidegrees", "face_id BETWEEN {first_face} AND {last_face}", "face_id"),
+    ("parent_child", "child_face, parent_face", "child_face BETWEEN {first_face} AND {last_face}", "child_face, parent_face"),
+)  # fmt: skip
+
+
+class Digest:
+    """BLAKE2b, 16 bytes, over columns of rows: integers as 8 little-endian bytes (NULL the least), reals as doubles."""
+
+    def __init__(self) -> None:
+        self._hash = hashlib.blake2b(digest_size=16)
+
+    def add(self, columns: Sequence[NDArray[Any]]) -> None:
+        """Take the columns of some rows of one table, each column whole."""
+        for column in columns:
+            self._hash.update(np.ascontiguousarray(column).data)
+
+    def value(self) -> bytes:
+        """Return the digest."""
+        return self._hash.digest()
+
+
+def _columns(rows: Sequence[Sequence[Any]]) -> list[NDArray[Any]]:
+    """Columns of rows as they were when written."""
+    columns: list[NDArray[Any]] = []
+    for values in zip(*rows, strict=True):
+        if isinstance(values[0], bytes):
+            columns.append(np.frombuffer(b"".join(values), np.uint8))
+        elif isinstance(values[0], float):
+            columns.append(np.array(values, np.float64))
+        else:
+            columns.append(np.array([NULL if value is None else value for value in values], np.int64))
+    return columns
+
+
+def read_digest(connection: sqlite3.Connection, tile_id: int, level: int) -> bytes:
+    """Compute the digest of a tile and level from its rows."""
+    names = ("first_node", "last_node", "first_edge", "last_edge", "first_face", "last_face")
+    row = connection.execute(
+        f"SELECT {', '.join(names)} FROM tile_level WHERE tile_id = ? AND level = ?", (tile_id, level)
+    ).fetchone()
+    limits = {name: 0 if value is None else value for name, value in zip(names, row, strict=True)}
+    digest = Digest()
+    for table, columns, where, order in _TABLES:
+        query = f"SELECT {columns} FROM {table} WHERE {where.format(**limits)} ORDER BY {order}"
+        digest.add(_columns(connection.execute(query).fetchall()))
+    return digest.value()

@@ -1,0 +1,257 @@
+"""Rows given as numpy columns turned into cells of SQLite B-tree leaves.
+
+Source: "SQLite file format", sqlite.org/fileformat2.html, §1.6 (cells, varints), §2.1 (record format). The cells of all
+rows make one stream, one behind the other; `vpfx.store.page_cells` cuts it into pages.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+__all__ = ["BLOB", "FLOAT", "INT", "NULL_INT", "REAL", "ROWID", "RowBlock", "find_disorder", "put_rows"]
+
+Column = NDArray[Any]
+
+NULL_INT = np.iinfo(np.int64).min
+"""The integer that stands for NULL."""
+
+ROWID, INT, FLOAT, REAL, BLOB = range(5)
+"""Kinds of column; REAL is a float that may be stored as an integer, as SQLite does for columns of REAL affinity."""
+
+BLOCK_BYTES = 1 << 19
+"""Size aimed at for one block of encoded rows: large against the cost of a call, small enough for the L2 cache."""
+
+INT48 = 1 << 47
+"""Integers below this have at most 6 bytes; larger integral floats are kept as floats, which costs no more."""
+
+
+class RowBlock:
+    """Room for a block of rows of one tree, and their cells; made once, filled again and again.
+
+    Parameters
+    ----------
+    kinds : sequence of int
+        ROWID (only first), INT, FLOAT, REAL or BLOB, for each column.
+    lengths : sequence of int
+        Bytes of each blob column, 0 for others.
+    n_key : int
+        Columns that make the key, from the first.
+    room : int
+        Bytes to keep free in front of the cells, for a rest of cells written before.
+    """
+
+    def __init__(self, kinds: Sequence[int], lengths: Sequence[int], n_key: int, room: int) -> None:
+        codes = [put_varint_bytes(12 + 2 * length) if kind == BLOB else b"\0" for kind, length in zip(kinds, lengths)]
+        n_head = sum(map(len, codes)) + 1
+        n_head += n_head > 127  # its own size is in it
+        head = put_varint_bytes(n_head)
+        layout = []
+        place = 0
+        for kind, length, code in zip(kinds, lengths, codes, strict=True):
+            layout.append((kind, place, length, len(head)))
+            head += code
+            place += length
+        self.layout = np.array(layout, np.int64)
+        self.head = np.frombuffer(bytearray(head), np.uint8)
+        self.n_key = n_key
+        worst = 12 + 3 + len(head) + 8 * len(kinds) + place  # sizes and rowid, filling up, the record
+        self.n_row = max(BLOCK_BYTES // worst, 1)
+        self.values = np.zeros((len(kinds), self.n_row), np.int64)
+        self.reals = self.values.view(np.float64)
+        self.blobs = np.zeros((self.n_row, place), np.uint8)
+        self.cells = np.zeros(room + worst * self.n_row + 8, np.uint8)  # 8: `put_rows` writes words, then steps back
+
+    def load(self, columns: Sequence[Column], start: int) -> int:
+        """Copy rows from `start` on into the block and return how many."""
+        n_row = min(self.n_row, len(columns[0]) - start)
+        for values, reals, (kind, place, length, _), column in zip(
+            self.values, self.reals, self.layout.tolist(), columns, strict=True
+        ):
+            part = column[start : start + n_row]
+            if kind == BLOB:
+                self.blobs[:n_row, place : place + length] = part
+            elif kind in (FLOAT, REAL):
+                reals[:n_row] = part
+            else:
+                values[:n_row] = part
+        return n_row
+
+    def find_disorder(self, n_row: int) -> int:
+        """Return the first row whose key is not above the one before, or -1."""
+        return int(find_disorder(n_row, self.n_key, self.layout, self.values, self.reals, self.blobs))
+
+    def put_rows(self, n_row: int, at: int) -> tuple[int, int]:
+        """Write the cells of the first rows of the block to `cells` from byte `at` on.
+
+        Returns the end of the cells and the size of the largest payload.
+        """
+        end, largest = put_rows(n_row, self.layout, self.head, self.values, self.reals, self.blobs, self.cells, at)
+        return int(end), int(largest)
+
+
+@njit(nogil=True, cache=True)
+def find_disorder(n_row, n_key, layout, values, reals, blobs):  # type: ignore[no-untyped-def]
+    """Return the first row whose key is not above that of the row before, or -1.
+
+    NULL is below everything, blobs compare byte by byte (§2.4, "Record Sort Order"). Arguments as in `put_rows`.
+    """
+    for i in range(1, n_row):
+        order = 0
+        for c in range(n_key):
+            kind = layout[c, 0]
+            if kind == BLOB:
+                for b in range(layout[c, 1], layout[c, 1] + layout[c, 2]):
+                    order = np.int64(blobs[i, b]) - np.int64(blobs[i - 1, b])
+                    if order != 0:
+                        break
+            elif kind in (FLOAT, REAL):
+                x, y = reals[c, i - 1], reals[c, i]
+                order = (y > x) - (y < x) + np.isnan(x) - np.isnan(y)  # a comparison with NaN is false
+            else:
+                order = (values[c, i] > values[c, i - 1]) - (values[c, i] < values[c, i - 1])
+            if order != 0:
+                break
+        if order <= 0:
+            return i
+    return -1
+
+
+@njit(nogil=True, cache=True)
+def put_varint(cells, at, rest):  # type: ignore[no-untyped-def]
+    """Write a variable-length integer (§1.6), uint64, and return its end; a negative one takes nine bytes."""
+    if rest < 128:
+        cells[at] = rest
+        return at + np.uint64(1)
+    n_byte = np.uint64(2)
+    while n_byte < 9 and rest >> np.uint64(7) * n_byte > 0:
+        n_byte += np.uint64(1)
+    last = at + n_byte - np.uint64(1)
+    n_bit = np.uint64(8 if n_byte == 9 else 7)  # the ninth byte is a whole one
+    cells[last] = rest & (np.uint64(1) << n_bit) - np.uint64(1)
+    rest >>= n_bit
+    while last > at:
+        last -= np.uint64(1)
+        cells[last] = rest & np.uint64(127) | np.uint64(128)
+        rest >>= np.uint64(7)
+    return at + n_byte
+
+
+@njit(nogil=True, cache=True)
+def put_codes(n_row, layout, values, reals, codes):  # type: ignore[no-untyped-def]
+    """Find the serial type of each number (§2.1); integral numbers of REAL columns become integers in `values`.
+
+    Arguments as in `put_rows`; `codes` is uint8 (n_col, ≥ n_row). Rowids are NULL in the record, blobs are left out.
+    The chain of conditions becomes vector instructions.
+    """
+    for c in range(layout.shape[0]):
+        kind = layout[c, 0]
+        if kind in (FLOAT, REAL):
+            for i in range(n_row):
+                codes[c, i] = 0 if np.isnan(reals[c, i]) else 7
+        elif kind != BLOB:
+            for i in range(n_row):
+                codes[c, i] = 0 if kind == ROWID else int_code(values[c, i])
+        if kind == REAL:
+            for i in range(n_row):
+                if -INT48 < reals[c, i] < INT48:
+                    whole = np.int64(reals[c, i])
+                    if whole == reals[c, i] and (whole != 0 or values[c, i] == 0):  # -0.0 stays a float
+                        values[c, i] = whole
+                        codes[c, i] = int_code(whole)
+
+
+@njit(nogil=True, cache=True)
+def int_code(value):  # type: ignore[no-untyped-def]
+    """Return the serial type of the shortest form of an integer (§2.1)."""
+    size = value ^ (value >> 63)
+    code = 1
+    if size >= 1 << 7:
+        code = 2
+    if size >= 1 << 15:
+        code = 3
+    if size >= 1 << 23:
+        code = 4
+    if size >= 1 << 31:
+        code = 5
+    if size >= 1 << 47:
+        code = 6
+    if value == 0:
+        code = 8
+    if value == 1:
+        code = 9
+    if value == NULL_INT:
+        code = 0
+    return code
+
+
+@njit(nogil=True, cache=True)
+def put_rows(n_row, layout, head, values, reals, blobs, cells, at):  # type: ignore[no-untyped-def]
+    """Write one leaf cell per row; return the end of the last cell and the size of the largest payload.
+
+    ::
+
+        cell     | payload size | rowid | head size | code 0 | code 1 | … | body 0 | body 1 | … |
+                                 table   <------------- head -------------> <------ body ------>
+        code     NULL 0   1, 2, 3, 4, 6, 8 bytes 1…6   float 7   zero 8   one 9   blob 12 + 2 × length
+
+    Parameters
+    ----------
+    n_row : int
+        Rows to write.
+    layout : int64 (n_col, 4)
+        For each column its kind, for a blob the first byte in `blobs` and the length, the place of its code in `head`.
+    head : uint8 (n,)
+        Head of the record, with the codes of blobs.
+    values, reals : int64, float64 (n_col, ≥ n_row)
+        Integers, and floats in the same memory; the floats are overwritten.
+    blobs : uint8 (≥ n_row, n)
+        All blob columns side by side.
+    cells : uint8 (n,)
+        Written from byte `at` on; must have room for the largest cells and 8 bytes more.
+
+    Notes
+    -----
+    Source: §1.6, §2.1. A number is written as the word that starts with its bytes, big-endian; what is too much is
+    overwritten by the next one. Offsets are unsigned, which spares numba the handling of negative ones.
+    """
+    codes = np.empty((layout.shape[0], n_row), np.uint8)
+    put_codes(n_row, layout, values, reals, codes)
+    width_of = np.array([0, 1, 2, 3, 4, 6, 8, 8, 0, 0], np.uint64)
+    one = np.uint64(1)
+    end = np.uint64(at)
+    largest = np.uint64(0)
+    for i in range(n_row):
+        payload = np.uint64(head.shape[0] + blobs.shape[1])
+        for c in range(layout.shape[0]):
+            if layout[c, 0] != BLOB:
+                payload += width_of[codes[c, i]]
+        largest = max(largest, payload)
+        least_end = end + np.uint64(4)
+        end = put_varint(cells, end, payload)
+        if layout[0, 0] == ROWID:
+            end = put_varint(cells, end, np.uint64(values[0, i]))
+        for b in range(head.shape[0]):
+            cells[end + np.uint64(b)] = head[b]
+        body = end + np.uint64(head.shape[0])
+        for c in range(layout.shape[0]):
+            if layout[c, 0] == BLOB:
+                for b in range(layout[c, 1], layout[c, 1] + layout[c, 2]):
+                    cells[body] = blobs[i, b]
+                    body += one
+            else:
+                width = width_of[codes[c, i]]
+                number = np.uint64(values[c, i]) << (np.uint64(64) - (width << np.uint64(3)) & np.uint64(63))
+                cells[end + np.uint64(layout[c, 3])] = codes[c, i]
+                for b in range(8):
+                    cells[body + np.uint64(b)] = number >> np.uint64(56 - 8 * b)
+                body += width
+        end = body
+        while end < least_end:
+            cells[end] = 0
+            end += one
+    return end, largest

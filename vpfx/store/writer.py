@@ -1,0 +1,274 @@
+"""Writing a store in one ordered pass: tiles as they come, borders and tables of contents at the end.
+
+The file grows under a temporary name beside the target and gets its name when it is complete and on the disk; whatever
+happens before leaves the old file, or none (specs/format.md R-100).
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import sqlite3
+from collections.abc import Mapping
+from pathlib import Path
+from types import TracebackType
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from vpfx.errors import StoreError
+from vpfx.model import Extent, Hierarchy
+from vpfx.store.ddl import schema_sql
+from vpfx.store.digest import Digest, read_digest
+from vpfx.store.geopackage import APPLICATION_ID, USER_VERSION, register
+from vpfx.store.pages import PageWriter
+from vpfx.store.rows import FirstIds, NodeRows, OpenSides, Place, border_rows, tile_rows
+from vpfx.store.tiles import Tile, Tiling
+
+__all__ = ["FORMAT_VERSION", "LevelSummary", "StoreWriter"]
+
+FORMAT_VERSION = "0.1"
+PAGE_SIZE = 4096  # bytes; SQLite's own default: what a region query reads grows in small steps
+
+
+class LevelSummary(NamedTuple):
+    """Totals of one level, as in the table `level`."""
+
+    level: int
+    max_error_bound: float | None
+    max_error: float
+    rmse: float
+    posts: int
+    nodes: int
+    edges: int
+    faces: int
+
+
+class StoreWriter:
+    """Writes one store; use as a context manager.
+
+    Parameters
+    ----------
+    path : Path
+        The store to make.
+    tiling : Tiling
+    place : Place
+        Where the posts lie.
+    wkt : str
+        CRS as WKT2; empty if unknown.
+    overwrite : bool
+        Whether an existing file may be replaced, at the end.
+
+    Raises
+    ------
+    StoreError
+        The file exists and may not be replaced, or the medium refuses.
+    """
+
+    def __init__(self, path: Path, tiling: Tiling, place: Place, wkt: str, overwrite: bool = False) -> None:
+        self.path = Path(path)
+        if self.path.is_dir():
+            raise StoreError(f"{self.path}: found a folder, expected a file name")
+        if self.path.exists() and not overwrite:
+            raise StoreError(f"{self.path}: found an existing file; give another name or --overwrite")
+        self._temporary = self.path.with_name(f".{self.path.name}.{os.getpid()}.tmp")
+        self._tiling, self._place, self._wkt = tiling, place, wkt
+        self._next = FirstIds(tiling.n_border_node_id + 1, tiling.n_border_edge_id + 1, 1)
+        self._open: list[list[OpenSides]] = [[] for _ in range(tiling.n_level)]
+        self._shared: list[NodeRows] = []
+        self._border_digests = [Digest() for _ in range(tiling.n_level)]
+        self._tile_levels: list[tuple[Any, ...]] = []
+        n = tiling.n_level
+        self._counts = np.zeros((n, 3), np.int64)  # nodes first seen at the level, edges, faces
+        self._errors = np.zeros((n, 3))  # greatest error, sum of squares, posts
+        try:
+            self._create()
+            self._pages = PageWriter(self._temporary)
+        except (OSError, sqlite3.Error) as error:
+            self._discard()
+            raise StoreError(f"{self.path}: cannot be written: {error}") from error
+
+    def _create(self) -> None:
+        self._temporary.unlink(missing_ok=True)
+        connection = sqlite3.connect(self._temporary)
+        try:
+            connection.execute(f"PRAGMA page_size = {PAGE_SIZE}")
+            connection.execute("PRAGMA journal_mode = DELETE")
+            connection.execute(f"PRAGMA application_id = {APPLICATION_ID}")
+            connection.execute(f"PRAGMA user_version = {USER_VERSION}")
+            connection.executescript(schema_sql("gpkg.sql") + schema_sql("vpfx.sql"))
+            connection.commit()
+        finally:
+            connection.close()
+
+    def add(self, tile: Tile, hierarchy: Hierarchy, post_metres: tuple[float, float]) -> None:
+        """Write the rows of the next tile; tiles come in the order of their numbers.
+
+        Parameters
+        ----------
+        tile : Tile
+        hierarchy : Hierarchy
+            Nodes in posts from the tile's south-west corner.
+        post_metres : tuple of float
+            Width and height of a post spacing in the tile, metres.
+        """
+        first = self._next
+        rows = tile_rows(hierarchy, tile, self._tiling, self._place, post_metres, first)
+        node, edge, face = first
+        for level, (nodes, part) in enumerate(zip(rows.nodes, rows.levels, strict=True)):
+            children, parents = part.links
+            by_parent = np.lexsort((children, parents))
+            node_table = nodes.table()
+            self._pages.append("node", node_table)
+            self._pages.append("edge", part.edges)
+            self._pages.append("face", part.faces)
+            self._pages.append("parent_child", part.links)
+            self._pages.append("parent_child_by_parent", (parents[by_parent], children[by_parent]))
+            digest = Digest()
+            for table in (node_table, part.edges, part.faces, part.links):
+                digest.add(table)
+            counts = np.array([len(nodes.node_id), len(part.edges[0]), len(part.faces[0])])
+            limits = [x for low, n in zip((node, edge, face), counts.tolist(), strict=True) for x in _limits(low, n)]
+            number = tile.index * self._tiling.n_level + level + 1
+            self._tile_levels.append((number, tile.index + 1, level, *limits, digest.value()))
+            node, edge, face = node + int(counts[0]), edge + int(counts[1]), face + int(counts[2])
+            self._counts[level] += counts
+            self._open[level].append(part.open_sides)
+            self._errors[level, 0] = max(self._errors[level, 0], hierarchy.max_error[level])
+            self._errors[level, 1:] += hierarchy.squared_error[level], hierarchy.n_post[level]
+        self._shared.append(rows.shared_nodes)
+        self._next = rows.next_ids
+
+    def finish(
+        self, bounds: list[float | None], metadata: Mapping[str, Any], sources: list[tuple[str, str, int, str]]
+    ) -> list[LevelSummary]:
+        """Write borders and contents, bring all to the disk and give the file its name.
+
+        Parameters
+        ----------
+        bounds : list
+            Error bound of each level, metres; None where there is none.
+        metadata : mapping
+            Rows of `metadata`; values that are not text are kept as JSON.
+        sources : list of (name, sha256, byte_count, driver)
+        """
+        try:
+            changed = self._write_borders()
+            self._pages.close()
+            summary = self._summary(bounds)
+            connection = sqlite3.connect(self._temporary)
+            try:
+                self._write_contents(connection, summary, metadata, sources, changed)
+                connection.commit()
+            finally:
+                connection.close()
+            self._publish()
+        except (OSError, sqlite3.Error) as error:
+            raise StoreError(f"{self.path}: cannot be written: {error}") from error
+        return summary
+
+    def _write_borders(self) -> list[dict[int, int]]:
+        """Write nodes and edges on borders; return links of other edges that only now are known, by level."""
+        tiling = self._tiling
+        if not tiling.n_border:
+            return []
+        nodes = NodeRows(*(np.concatenate(columns) for columns in zip(*self._shared, strict=True)))
+        node_id, first = np.unique(nodes.node_id, return_index=True)
+        nodes = nodes.part(first)
+        nodes = nodes._replace(tile_id=tiling.node_owner(node_id) + 1)
+        self._pages.append("node", nodes.table())
+        self._counts[:, 0] += np.bincount(nodes.level, minlength=tiling.n_level)
+        for level, digest in enumerate(self._border_digests):
+            digest.add(nodes.part(nodes.level == level).table())
+        changed = []
+        for level, parts in enumerate(self._open):
+            rows = border_rows(parts, level, tiling)
+            self._pages.append("edge", rows.edges)
+            self._border_digests[level].add(rows.edges)
+            self._counts[level, 1] += len(rows.edges[0])
+            changed.append(rows.right_edge_of)
+        return changed
+
+    def _summary(self, bounds: list[float | None]) -> list[LevelSummary]:
+        nodes = np.cumsum(self._counts[:, 0])
+        return [
+            LevelSummary(
+                level, bounds[level], float(worst), float(np.sqrt(squares / max(posts, 1))), int(posts),
+                int(nodes[level]), int(self._counts[level, 1]), int(self._counts[level, 2]),
+            )  # fmt: skip
+            for level, (worst, squares, posts) in enumerate(self._errors)
+        ]
+
+    def _write_contents(
+        self, connection: sqlite3.Connection, summary: list[LevelSummary], metadata: Mapping[str, Any],
+        sources: list[tuple[str, str, int, str]], changed: list[dict[int, int]],
+    ) -> None:  # fmt: skip
+        texts = {"format_version": FORMAT_VERSION, "crs_wkt2": self._wkt, **metadata}
+        rows = [(k, v if isinstance(v, str) else json.dumps(v, sort_keys=True)) for k, v in sorted(texts.items())]
+        connection.executemany("INSERT INTO metadata VALUES (?, ?)", rows)
+        connection.executemany("INSERT INTO source VALUES (?, ?, ?, ?, ?)", [(i + 1, *s) for i, s in enumerate(sources)])
+        ranges = [self._tiling.border_edge_ids(line.level) or (None, None) for line in summary]
+        digests = [digest.value() for digest in self._border_digests]
+        levels = [(*line, *limits, digest) for line, limits, digest in zip(summary, ranges, digests, strict=True)]
+        connection.executemany(f"INSERT INTO level VALUES ({', '.join('?' * 11)})", levels)
+        tiles = [(tile.index + 1, tile.name, *self._extent(tile)) for tile in self._tiles()]
+        connection.executemany("INSERT INTO tile VALUES (?, ?, ?, ?, ?, ?)", tiles)
+        boxes = [(number, xmin, xmax, ymin, ymax) for number, _, xmin, ymin, xmax, ymax in tiles]
+        connection.executemany("INSERT INTO tile_index VALUES (?, ?, ?, ?, ?)", boxes)
+        connection.executemany(f"INSERT INTO tile_level VALUES ({', '.join('?' * 10)})", self._tile_levels)
+        lines = self._tiling.row_lines[-1], self._tiling.col_lines[-1]
+        whole = Tile(0, 0, 0, 0, int(lines[0]), 0, int(lines[1]))
+        register(connection, self._wkt, self._extent(whole), len(summary))
+        for level, links in enumerate(changed):
+            _correct(connection, level, links)
+
+    def _tiles(self) -> list[Tile]:
+        return [self._tiling.tile(index) for index in range(self._tiling.n_tile)]
+
+    def _extent(self, tile: Tile) -> Extent:
+        x0, y0, dx, dy = self._place
+        return Extent(
+            x0 + dx * tile.first_col, y0 + dy * tile.first_row, x0 + dx * tile.last_col, y0 + dy * tile.last_row
+        )
+
+    def _publish(self) -> None:
+        with open(self._temporary, "rb+") as file:
+            os.fsync(file.fileno())
+        os.replace(self._temporary, self.path)
+        folder = os.open(self.path.parent, os.O_RDONLY)
+        try:
+            os.fsync(folder)
+        finally:
+            os.close(folder)
+
+    def _discard(self) -> None:
+        for suffix in ("", "-journal"):
+            self._temporary.with_name(self._temporary.name + suffix).unlink(missing_ok=True)
+
+    def __enter__(self) -> StoreWriter:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self._pages.__exit__(kind, error, trace)
+        self._discard()
+
+
+def _limits(first: int, count: int) -> tuple[int | None, int | None]:
+    """First and last of `count` running ids; None if there are none."""
+    return (first, first + count - 1) if count else (None, None)
+
+
+def _correct(connection: sqlite3.Connection, level: int, links: dict[int, int]) -> None:
+    """Enter links that hung on other tiles, and renew the digests of the tiles concerned."""
+    if not links:
+        return
+    connection.executemany(
+        "UPDATE edge SET right_edge = ? WHERE edge_id = ?", [(follower, edge) for edge, follower in links.items()]
+    )
+    query = "SELECT tile_id FROM tile_level WHERE level = ? AND ? BETWEEN first_edge AND last_edge"
+    tiles = {row[0] for edge in links for row in connection.execute(query, (level, edge))}
+    for tile_id in sorted(tiles):
+        digest = read_digest(connection, tile_id, level)
+        connection.execute("UPDATE tile_level SET digest = ? WHERE tile_id = ? AND level = ?", (digest, tile_id, level))
