@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import hashlib
-import io
 import os
 import re
+import sys
 import zipfile
 from collections.abc import Iterator
-from contextlib import contextmanager, redirect_stderr
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -74,10 +74,16 @@ class Source:
 def gdal() -> Iterator[None]:
     """Surround every call to GDAL: with our options, and with nothing printed.
 
-    rasterio raises errors and logs warnings, but itself prints a traceback where a broken file puts odd bytes into one.
+    rasterio raises errors and logs warnings, but prints a traceback where a broken file puts odd bytes into a warning.
     """
-    with rasterio.Env(**GDAL_OPTIONS), redirect_stderr(io.StringIO()):
-        yield
+    hooks = sys.excepthook, sys.unraisablehook
+    sys.excepthook = lambda *_: None
+    sys.unraisablehook = lambda _: None
+    try:
+        with rasterio.Env(**GDAL_OPTIONS):
+            yield
+    finally:
+        sys.excepthook, sys.unraisablehook = hooks
 
 
 def gdal_name(path: str) -> str:

@@ -24,24 +24,27 @@ NONE = -1
 
 
 @njit(nogil=True, cache=True)
-def _cut_one(nodes, m, p, flip, n, child, inner, halves):
+def _cut_one(face, face_nodes, side_break, p, flip, n, child, inner, halves):
     """Write the children of one face at child[n:], return how many.
 
-    child (n_child, 3) gets their nodes; inner (3 * n_child,) the twins of sides between siblings; halves (3, 2) the
-    child sides that lie on the first and the second half of each side of the face (the same twice if unbroken).
+    child (n_child, 3) gets their nodes; inner (3 * n_child,) the twins of sides between siblings; halves (n_side, 2) the
+    child sides that lie on the first and the second half of each side (the same twice if unbroken).
     """
+    nodes = (face_nodes[face, 0], face_nodes[face, 1], face_nodes[face, 2])
+    m = (side_break[3 * face], side_break[3 * face + 1], side_break[3 * face + 2])
+    s = 3 * face
     count = 0
     for i in range(3):
         count += m[i] != NONE
     if count == 0 and p == NONE:
-        child[n] = nodes
         for i in range(3):
-            halves[i] = 3 * n + i
+            child[n, i] = nodes[i]
+            halves[s + i, 0] = halves[s + i, 1] = 3 * n + i
         return 1
     if count == 0:  # rule 4: child i stands on side i, its apex is p
         for i in range(3):
             child[n + i, 0], child[n + i, 1], child[n + i, 2] = nodes[i], nodes[(i + 1) % 3], p
-            halves[i] = 3 * (n + i)
+            halves[s + i, 0] = halves[s + i, 1] = 3 * (n + i)
             inner[3 * (n + i) + 1] = 3 * (n + (i + 1) % 3) + 2
             inner[3 * (n + i) + 2] = 3 * (n + (i + 2) % 3) + 1
         return 3
@@ -49,8 +52,8 @@ def _cut_one(nodes, m, p, flip, n, child, inner, halves):
         for i in range(3):
             before = (i + 2) % 3
             child[n + i, 0], child[n + i, 1], child[n + i, 2] = nodes[i], m[i], m[before]
-            halves[i, 0] = 3 * (n + i)
-            halves[before, 1] = 3 * (n + i) + 2
+            halves[s + i, 0] = 3 * (n + i)
+            halves[s + before, 1] = 3 * (n + i) + 2
             child[n + 3, i] = m[i]
             inner[3 * (n + i) + 1] = 3 * (n + 3) + before
             inner[3 * (n + 3) + before] = 3 * (n + i) + 1
@@ -62,9 +65,9 @@ def _cut_one(nodes, m, p, flip, n, child, inner, halves):
         j, k = (i + 1) % 3, (i + 2) % 3
         child[n, 0], child[n, 1], child[n, 2] = nodes[i], m[i], nodes[k]
         child[n + 1, 0], child[n + 1, 1], child[n + 1, 2] = m[i], nodes[j], nodes[k]
-        halves[i, 0], halves[i, 1] = 3 * n, 3 * (n + 1)
-        halves[j] = 3 * (n + 1) + 1
-        halves[k] = 3 * n + 2
+        halves[s + i, 0], halves[s + i, 1] = 3 * n, 3 * (n + 1)
+        halves[s + j, 0] = halves[s + j, 1] = 3 * (n + 1) + 1
+        halves[s + k, 0] = halves[s + k, 1] = 3 * n + 2
         inner[3 * n + 1] = 3 * (n + 1) + 2
         inner[3 * (n + 1) + 2] = 3 * n + 1
         return 2
@@ -73,25 +76,25 @@ def _cut_one(nodes, m, p, flip, n, child, inner, halves):
     j, k = (i + 1) % 3, (i + 2) % 3
     # rule 2: corner c = (m_i, n_j, m_j); the quadrilateral n_i, m_i, m_j, n_k is cut from n_i to m_j, or (flip) from m_i to n_k
     child[n, 0], child[n, 1], child[n, 2] = m[i], nodes[j], m[j]
-    halves[i, 1] = 3 * n
-    halves[j, 0] = 3 * n + 1
+    halves[s + i, 1] = 3 * n
+    halves[s + j, 0] = 3 * n + 1
     a, b = 3 * (n + 1), 3 * (n + 2)
     if flip:  # a = (m_i, m_j, n_k), b = (n_i, m_i, n_k)
         child[n + 1, 0], child[n + 1, 1], child[n + 1, 2] = m[i], m[j], nodes[k]
         child[n + 2, 0], child[n + 2, 1], child[n + 2, 2] = nodes[i], m[i], nodes[k]
         inner[3 * n + 2], inner[a] = a, 3 * n + 2
         inner[a + 2], inner[b + 1] = b + 1, a + 2
-        halves[i, 0] = b
-        halves[j, 1] = a + 1
-        halves[k] = b + 2
+        halves[s + i, 0] = b
+        halves[s + j, 1] = a + 1
+        halves[s + k, 0] = halves[s + k, 1] = b + 2
     else:  # a = (n_i, m_i, m_j), b = (n_i, m_j, n_k)
         child[n + 1, 0], child[n + 1, 1], child[n + 1, 2] = nodes[i], m[i], m[j]
         child[n + 2, 0], child[n + 2, 1], child[n + 2, 2] = nodes[i], m[j], nodes[k]
         inner[3 * n + 2], inner[a + 1] = a + 1, 3 * n + 2
         inner[a + 2], inner[b] = b, a + 2
-        halves[i, 0] = a
-        halves[j, 1] = b + 1
-        halves[k] = b + 2
+        halves[s + i, 0] = a
+        halves[s + j, 1] = b + 1
+        halves[s + k, 0] = halves[s + k, 1] = b + 2
     return 3
 
 
@@ -135,10 +138,7 @@ def cut_faces(face_nodes, side_twin, side_break, face_inner, face_flip):
     halves = np.empty((3 * n_face, 2), np.int32)
     n = 0
     for face in range(n_face):
-        m = side_break[3 * face : 3 * face + 3]
-        added = _cut_one(
-            face_nodes[face], m, face_inner[face], face_flip[face], n, child, twin, halves[3 * face : 3 * face + 3]
-        )
+        added = _cut_one(face, face_nodes, side_break, face_inner[face], face_flip[face], n, child, twin, halves)
         parent[n : n + added] = face
         n += added
     for side in range(3 * n_face):

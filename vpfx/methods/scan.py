@@ -107,44 +107,37 @@ def surface_height(heights, u, v):
     return (sw * (1.0 - x) + se * x) * (1.0 - y) + (nw * (1.0 - x) + ne * x) * y
 
 
-@njit(nogil=True, cache=True)
-def _columns(corner, row, n_col):
-    """First and last column of the posts of one row inside a face (u, v of three corners), edges included."""
-    low, high = -np.inf, np.inf
-    for i in range(3):
-        px, py = corner[i, 0], corner[i, 1]
-        qx, qy = corner[(i + 1) % 3, 0], corner[(i + 1) % 3, 1]
+@njit(nogil=True, cache=True, inline="always")
+def _columns(ax, ay, bx, by, cx, cy, row, n_col):
+    """First and last column of the posts of one row inside the face a, b, c, edges included."""
+    low, high = min(ax, bx, cx), max(ax, bx, cx)
+    for px, py, qx, qy in ((ax, ay, bx, by), (bx, by, cx, cy), (cx, cy, ax, ay)):
         if qy > py:  # the inside lies to the west of a northward edge
             high = min(high, px + (qx - px) * ((row - py) / (qy - py)))
         elif qy < py:
             low = max(low, px + (qx - px) * ((row - py) / (qy - py)))
-    low = max(low, min(corner[0, 0], corner[1, 0], corner[2, 0]))
-    high = min(high, max(corner[0, 0], corner[1, 0], corner[2, 0]))
     return max(0, int(np.ceil(low - EDGE_SLACK))), min(n_col - 1, int(np.floor(high + EDGE_SLACK)))
 
 
 @njit(nogil=True, cache=True)
-def _note(found, corner, area, face, post, row, col, error, aspect, rule):
-    """Enter a post that is off by more than the bound as candidate of its sides and of its face's middle.
-
-    share is the barycentric share of the corner opposite a side.
-    """
+def _note(face, corner, aspect, col, row, post, error, rule, side_error, side_along, side_post):
+    """Enter a post that is off by more than the bound as candidate of the sides it is near; tell if it is in the middle."""
     is_inner = True
+    area = (corner[1, 0] - corner[0, 0]) * (corner[2, 1] - corner[0, 1])
+    area -= (corner[2, 0] - corner[0, 0]) * (corner[1, 1] - corner[0, 1])
     for i in range(3):
-        px, py = corner[i, 0], corner[i, 1]
-        qx, qy = corner[(i + 1) % 3, 0], corner[(i + 1) % 3, 1]
-        share = ((qx - px) * (row - py) - (col - px) * (qy - py)) / area
-        east, north = (qx - px) * aspect, qy - py
-        square = east * east + north * north
-        across = (share * area * aspect) ** 2  # squared distance from the side, times square
-        is_inner = is_inner and share >= rule.inner_share and across >= rule.inner_away**2 * square
+        j = (i + 1) % 3
+        east, north = corner[j, 0] - corner[i, 0], corner[j, 1] - corner[i, 1]
+        u, v = col - corner[i, 0], row - corner[i, 1]
+        cross = east * v - north * u
+        square = (east * aspect) ** 2 + north * north
+        across = (cross * aspect) ** 2  # squared distance from the side, times square
+        is_inner = is_inner and cross >= rule.inner_share * area and across >= rule.inner_away**2 * square
         side = 3 * face + i
-        if error > found.side_error[side]:
-            along = ((col - px) * aspect * east + (row - py) * north) / square
-            if across <= rule.band**2 * square and rule.end_share <= along <= 1.0 - rule.end_share:
-                found.side_error[side] = error
-                found.side_along[side] = along
-                found.side_post[side] = post
+        if error > side_error[side] and across <= rule.band**2 * square:
+            along = (u * aspect * east * aspect + v * north) / square
+            if rule.end_share <= along <= 1.0 - rule.end_share:
+                side_error[side], side_along[side], side_post[side] = error, along, post
     return is_inner
 
 
@@ -175,37 +168,37 @@ def scan_faces(nodes, face_nodes, heights, residual, bound, aspect, rule, found)
     Cost: O(posts of the faces looked at).
     """
     n_row, n_col = heights.shape
-    corner = np.empty((3, 2))
+    side_error, side_along, side_post = found.side_error, found.side_along, found.side_post
+    face_error, face_post, inner_post = found.face_error, found.face_post, found.inner_post
+    corner = np.empty((3, 3))
     for face in range(len(face_nodes)):
-        if found.face_error[face] <= bound:
+        if face_error[face] <= bound:
             continue
         for i in range(3):
-            corner[i, 0] = nodes[face_nodes[face, i], 0]
-            corner[i, 1] = nodes[face_nodes[face, i], 1]
-        x0, y0, z0 = corner[0, 0], corner[0, 1], nodes[face_nodes[face, 0], 2]
-        x1, y1, z1 = corner[1, 0] - x0, corner[1, 1] - y0, nodes[face_nodes[face, 1], 2] - z0
-        x2, y2, z2 = corner[2, 0] - x0, corner[2, 1] - y0, nodes[face_nodes[face, 2], 2] - z0
-        area = x1 * y2 - x2 * y1
-        east, north = (z1 * y2 - z2 * y1) / area, (z2 * x1 - z1 * x2) / area
-        worst, worst_post, inner = 0.0, NONE, bound
-        found.inner_post[face] = NONE
-        south = max(0, int(np.ceil(min(corner[0, 1], corner[1, 1], corner[2, 1]) - EDGE_SLACK)))
-        top = min(n_row - 1, int(np.floor(max(corner[0, 1], corner[1, 1], corner[2, 1]) + EDGE_SLACK)))
+            for j in range(3):
+                corner[i, j] = nodes[face_nodes[face, i], j]
+        ax, ay, az = corner[0, 0], corner[0, 1], corner[0, 2]
+        bx, by, cx, cy = corner[1, 0], corner[1, 1], corner[2, 0], corner[2, 1]
+        rise_b, rise_c = corner[1, 2] - az, corner[2, 2] - az
+        area = (bx - ax) * (cy - ay) - (cx - ax) * (by - ay)
+        gradient = (rise_b * (cy - ay) - rise_c * (by - ay)) / area
+        north = (rise_c * (bx - ax) - rise_b * (cx - ax)) / area
+        worst, worst_post, inner, inner_at = 0.0, NONE, bound, NONE
+        south = max(0, int(np.ceil(min(ay, by, cy) - EDGE_SLACK)))
+        top = min(n_row - 1, int(np.floor(max(ay, by, cy) + EDGE_SLACK)))
         for row in range(south, top + 1):
-            first, last = _columns(corner, row, n_col)
-            base = z0 + north * (row - y0) - east * x0
+            first, last = _columns(ax, ay, bx, by, cx, cy, row, n_col)
+            base = az + north * (row - ay) - gradient * ax
             for col in range(first, last + 1):
-                error = abs(heights[row, col] - (base + east * col))
-                if np.isnan(error):
-                    continue
+                error = abs(heights[row, col] - (base + gradient * col))
                 residual[row, col] = error
-                if error > worst:
+                if error > worst:  # never for NaN
                     worst, worst_post = error, row * n_col + col
                 if error > bound:
                     post = row * n_col + col
-                    is_inner = _note(found, corner, area, face, post, row, col, error, aspect, rule)
+                    is_inner = _note(
+                        face, corner, aspect, col, row, post, error, rule, side_error, side_along, side_post
+                    )
                     if is_inner and error > inner:
-                        inner = error
-                        found.inner_post[face] = post
-        found.face_error[face] = worst
-        found.face_post[face] = worst_post
+                        inner, inner_at = error, post
+        face_error[face], face_post[face], inner_post[face] = worst, worst_post, inner_at

@@ -59,11 +59,11 @@ def cells_end(kind, cells, n_cell):  # type: ignore[no-untyped-def]
 
 
 @njit(nogil=True, cache=True)
-def put_word(page, at, value, n_byte):  # type: ignore[no-untyped-def]
-    """Write the last bytes of a number, big-endian, and return their end."""
-    for b in range(n_byte):
-        page[at + b] = value >> 8 * (n_byte - 1 - b) & 255
-    return at + n_byte
+def put_number(page, at, number):  # type: ignore[no-untyped-def]
+    """Write the number of a page, four bytes, and return their end."""
+    for b in range(4):
+        page[at + b] = number >> 8 * (3 - b) & 255
+    return at + 4
 
 
 @njit(nogil=True, cache=True)
@@ -78,14 +78,17 @@ def put_page(kind, cells, starts, n_cell, stop, right_child, page):  # type: ign
     Source: §1.6. `starts` is int64 (≥ n_cell,), the place of each cell in the stream; `stop` is the end of the last.
     """
     content = page.shape[0] - (stop - starts[0])
-    at = put_word(page, 0, kind << 16, 3)
-    at = put_word(page, at, n_cell, 2)
-    at = put_word(page, at, content, 2)
-    at = put_word(page, at, 0, 1)
+    page[0] = kind
+    page[1] = page[2] = page[7] = 0
+    page[3], page[4] = n_cell >> 8, n_cell & 255
+    page[5], page[6] = content >> 8, content & 255
+    at = 8
     if kind in (INNER_INDEX, INNER_TABLE):
-        at = put_word(page, at, right_child, 4)
+        at = put_number(page, at, right_child)
     for j in range(n_cell):
-        at = put_word(page, at, content + starts[j] - starts[0], 2)
+        pointer = content + starts[j] - starts[0]
+        page[at], page[at + 1] = pointer >> 8, pointer & 255
+        at += 2
     for b in range(at, content):
         page[b] = 0
     for b in range(content, page.shape[0]):
@@ -136,7 +139,7 @@ def lay_pages(kind, mode, cells, at, last_child, first_page, pages, ups, page_ro
     end = cells.shape[0]
     has_divider = kind != LEAF_TABLE
     head = 12 if kind in (INNER_INDEX, INNER_TABLE) else 8
-    starts = np.empty(pages.shape[1] // 6 + 2, np.int64)  # a cell takes at least 4 bytes and 2 for its pointer
+    starts = np.empty(pages.shape[1] // 6 + 3, np.int64)  # a cell takes at least 4 bytes and 2 for its pointer
     while n_page < pages.shape[0] and at < end:
         starts[0] = at
         n_cell = 0
@@ -144,11 +147,11 @@ def lay_pages(kind, mode, cells, at, last_child, first_page, pages, ups, page_ro
         stop = at
         while stop < end:
             stop = cell_end(kind, cells, stop)
+            starts[n_cell + 1] = stop
             room -= stop - starts[n_cell] + 2
             if room < 0:
                 break
             n_cell += 1
-            starts[n_cell] = stop
         is_all = room >= 0
         is_short = has_divider and stop == end and not is_all  # no cell behind the divider
         if mode == STREAM and (is_all or is_short):
@@ -160,17 +163,20 @@ def lay_pages(kind, mode, cells, at, last_child, first_page, pages, ups, page_ro
             break
         number = first_page + n_page
         is_last = is_all and mode == LAST
-        next_at = stop if is_last or not has_divider else cell_end(kind, cells, stop)
+        next_at = starts[n_cell + 1] if has_divider and not is_last else stop
         right_child = last_child if is_last else 0
         if not is_last:
-            n_up = put_word(ups, n_up, number, 4)
+            n_up = put_number(ups, n_up, number)
             from_byte, to_byte = stop, next_at
             if kind == LEAF_TABLE:
-                from_byte = varint_at(cells, starts[n_cell - 1])[1]
+                from_byte = starts[n_cell - 1]
+                while cells[from_byte] > 127:
+                    from_byte += 1
+                from_byte += 1
                 to_byte = varint_at(cells, from_byte)[1]
             elif kind == LEAF_INDEX:
-                payload, from_payload = varint_at(cells, stop)
-                to_byte = from_payload + payload  # without the zeros that filled up a leaf cell
+                if cells[stop] < 3:
+                    to_byte = stop + 1 + cells[stop]  # without the zeros that filled up the cell
             else:
                 for b in range(4):
                     right_child = right_child << 8 | np.int64(cells[stop + b])

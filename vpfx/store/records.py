@@ -46,10 +46,12 @@ class RowBlock:
     """
 
     def __init__(self, kinds: Sequence[int], lengths: Sequence[int], n_key: int, room: int) -> None:
-        codes = [put_varint_bytes(12 + 2 * length) if kind == BLOB else b"\0" for kind, length in zip(kinds, lengths)]
+        codes = [
+            to_varint(12 + 2 * length if kind == BLOB else 0) for kind, length in zip(kinds, lengths, strict=True)
+        ]
         n_head = sum(map(len, codes)) + 1
         n_head += n_head > 127  # its own size is in it
-        head = put_varint_bytes(n_head)
+        head = to_varint(n_head)
         layout = []
         place = 0
         for kind, length, code in zip(kinds, lengths, codes, strict=True):
@@ -63,6 +65,7 @@ class RowBlock:
         self.n_row = max(BLOCK_BYTES // worst, 1)
         self.values = np.zeros((len(kinds), self.n_row), np.int64)
         self.reals = self.values.view(np.float64)
+        self.codes = np.zeros((len(kinds), self.n_row), np.uint8)
         self.blobs = np.zeros((self.n_row, place), np.uint8)
         self.cells = np.zeros(room + worst * self.n_row + 8, np.uint8)  # 8: `put_rows` writes words, then steps back
 
@@ -90,15 +93,28 @@ class RowBlock:
 
         Returns the end of the cells and the size of the largest payload.
         """
-        end, largest = put_rows(n_row, self.layout, self.head, self.values, self.reals, self.blobs, self.cells, at)
+        put_codes(n_row, self.layout, self.values, self.reals, self.codes)
+        end, largest = put_rows(n_row, self.layout, self.head, self.codes, self.values, self.blobs, self.cells, at)
         return int(end), int(largest)
+
+
+def to_varint(value: int) -> bytes:
+    """Return a small number as variable-length integer (§1.6).
+
+    Examples
+    --------
+    >>> to_varint(127).hex(), to_varint(128).hex()
+    ('7f', '8100')
+    """
+    high = b"" if value < 128 else bytes(byte | 128 for byte in to_varint(value >> 7))
+    return high + bytes([value & 127])
 
 
 @njit(nogil=True, cache=True)
 def find_disorder(n_row, n_key, layout, values, reals, blobs):  # type: ignore[no-untyped-def]
     """Return the first row whose key is not above that of the row before, or -1.
 
-    NULL is below everything, blobs compare byte by byte (§2.4, "Record Sort Order"). Arguments as in `put_rows`.
+    NULL is below everything, blobs compare byte by byte (§2.4, "Record Sort Order"). Arguments as in `put_codes`.
     """
     for i in range(1, n_row):
         order = 0
@@ -145,8 +161,8 @@ def put_varint(cells, at, rest):  # type: ignore[no-untyped-def]
 def put_codes(n_row, layout, values, reals, codes):  # type: ignore[no-untyped-def]
     """Find the serial type of each number (§2.1); integral numbers of REAL columns become integers in `values`.
 
-    Arguments as in `put_rows`; `codes` is uint8 (n_col, ≥ n_row). Rowids are NULL in the record, blobs are left out.
-    The chain of conditions becomes vector instructions.
+    Arguments as in `put_rows`, `reals` is the memory of `values` as float64. Rowids are NULL in the record, blobs are
+    left out. The chain of conditions becomes vector instructions.
     """
     for c in range(layout.shape[0]):
         kind = layout[c, 0]
@@ -190,7 +206,7 @@ def int_code(value):  # type: ignore[no-untyped-def]
 
 
 @njit(nogil=True, cache=True)
-def put_rows(n_row, layout, head, values, reals, blobs, cells, at):  # type: ignore[no-untyped-def]
+def put_rows(n_row, layout, head, codes, values, blobs, cells, at):  # type: ignore[no-untyped-def]
     """Write one leaf cell per row; return the end of the last cell and the size of the largest payload.
 
     ::
@@ -207,8 +223,10 @@ def put_rows(n_row, layout, head, values, reals, blobs, cells, at):  # type: ign
         For each column its kind, for a blob the first byte in `blobs` and the length, the place of its code in `head`.
     head : uint8 (n,)
         Head of the record, with the codes of blobs.
-    values, reals : int64, float64 (n_col, ≥ n_row)
-        Integers, and floats in the same memory; the floats are overwritten.
+    codes : uint8 (n_col, ≥ n_row)
+        Serial types of numbers, from `put_codes`.
+    values : int64 (n_col, ≥ n_row)
+        Integers, and the bits of floats.
     blobs : uint8 (≥ n_row, n)
         All blob columns side by side.
     cells : uint8 (n,)
@@ -219,8 +237,6 @@ def put_rows(n_row, layout, head, values, reals, blobs, cells, at):  # type: ign
     Source: §1.6, §2.1. A number is written as the word that starts with its bytes, big-endian; what is too much is
     overwritten by the next one. Offsets are unsigned, which spares numba the handling of negative ones.
     """
-    codes = np.empty((layout.shape[0], n_row), np.uint8)
-    put_codes(n_row, layout, values, reals, codes)
     width_of = np.array([0, 1, 2, 3, 4, 6, 8, 8, 0, 0], np.uint64)
     one = np.uint64(1)
     end = np.uint64(at)

@@ -1,0 +1,17 @@
+"""What all tests share."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+SHARED = Path(__file__).resolve().parents[2] / "shared"
+
+
+def shared_dem(name: str) -> Path:
+    """Return a DEM of the shared data beside the repository, or skip the test."""
+    path = SHARED / "data" / "dem" / name
+    if not path.is_file():
+        pytest.skip(f"../shared/data/dem/{name} is absent")
+    return path
