@@ -87,7 +87,9 @@ class Grid:
             raise InputError(f"grid: found spacing {self.dx} × {self.dy}, expected positive numbers")
         if np.isinf(heights).any():
             row, col = np.argwhere(np.isinf(heights))[0]
-            raise InputError(f"grid: post ({row}, {col}): found an infinite height, expected a number or NaN for a void")
+            raise InputError(
+                f"grid: post ({row}, {col}): found an infinite height, expected a number or NaN for a void"
+            )
         heights.setflags(write=False)
         object.__setattr__(self, "heights", heights)
 

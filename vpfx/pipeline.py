@@ -22,8 +22,9 @@ from vpfx.model import Grid, Hierarchy
 from vpfx.patches import Ground, PatchReader
 from vpfx.registry import pick
 from vpfx.store.rows import Place
+from vpfx.store.summary import LevelSummary
 from vpfx.store.tiles import DEFAULT_TILE_SIZE, Tile, Tiling
-from vpfx.store.writer import LevelSummary, StoreWriter
+from vpfx.store.writer import StoreWriter
 
 __all__ = ["BuildReport", "build", "build_hierarchy"]
 
@@ -146,7 +147,9 @@ def build(
     return BuildReport(Path(output), tuple(levels), reader.ground, tiling.n_tile, time.perf_counter() - start)
 
 
-def build_hierarchy(grid: Grid, *, method: str = "wynne", fill: bool = False, seed: int = 0, **options: Any) -> Hierarchy:
+def build_hierarchy(
+    grid: Grid, *, method: str = "wynne", fill: bool = False, seed: int = 0, **options: Any
+) -> Hierarchy:
     """Build the levels of one grid in memory, as one tile.
 
     Parameters
@@ -228,7 +231,9 @@ def _fit_budget(
         coarse, fine = (bounds[-1] if bounds else MOST_BOUND), LEAST_BOUND
         least = n_face(bounds or [coarse])
         if least > budget:
-            raise InputError(f"max_faces: found a budget of {budget}, expected at least {least}, the start grid; use --grid")
+            raise InputError(
+                f"max_faces: found a budget of {budget}, expected at least {least}, the start grid; use --grid"
+            )
         while coarse > fine * (1.0 + BUDGET_SHARE):
             middle = (coarse * fine) ** 0.5
             coarse, fine = (middle, fine) if n_face([*bounds, middle]) <= budget else (coarse, middle)

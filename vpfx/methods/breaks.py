@@ -11,7 +11,14 @@ from numba import njit
 
 from vpfx.methods.scan import surface_height
 
-__all__ = ["choose_breaks", "choose_diagonals", "find_significant", "force_border_breaks", "place_nodes", "side_lengths"]
+__all__ = [
+    "choose_breaks",
+    "choose_diagonals",
+    "find_significant",
+    "force_border_breaks",
+    "place_nodes",
+    "side_lengths",
+]
 
 NONE = -1
 OPEN, BROKEN, REPLACED, KEPT = 0, 1, 2, 3  # states of a side; KEPT: part of a fixed border that has no break here
@@ -190,7 +197,9 @@ def choose_breaks(nodes, face_nodes, side_twin, n_col, bound, aspect, guard, len
 
 
 @njit(nogil=True, cache=True)
-def place_nodes(nodes, face_nodes, side_twin, heights, bound, middle, state, found, side_node, face_node, new_nodes, count):
+def place_nodes(
+    nodes, face_nodes, side_twin, heights, bound, middle, state, found, side_node, face_node, new_nodes, count
+):
     """Make the nodes of all chosen breaks, and of rule 4 in faces with no broken side.
 
     Parameters

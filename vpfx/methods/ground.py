@@ -11,7 +11,15 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-__all__ = ["corners_on_ground", "distances", "inner_posts", "is_covered", "outline_nodes", "outline_segments", "square_codes"]
+__all__ = [
+    "corners_on_ground",
+    "distances",
+    "inner_posts",
+    "is_covered",
+    "outline_nodes",
+    "outline_segments",
+    "square_codes",
+]
 
 Mask = NDArray[np.bool_]
 

@@ -91,8 +91,10 @@ def put_page(kind, cells, starts, n_cell, stop, right_child, page):  # type: ign
         at += 2
     for b in range(at, content):
         page[b] = 0
-    for b in range(content, page.shape[0]):
-        page[b] = cells[starts[0] - content + b]
+    source = cells[starts[0] : stop]
+    target = page[content:]
+    for b in range(source.shape[0]):
+        target[b] = source[b]
 
 
 @njit(nogil=True, cache=True)

@@ -46,9 +46,7 @@ class RowBlock:
     """
 
     def __init__(self, kinds: Sequence[int], lengths: Sequence[int], n_key: int, room: int) -> None:
-        codes = [
-            to_varint(12 + 2 * length if kind == BLOB else 0) for kind, length in zip(kinds, lengths, strict=True)
-        ]
+        codes = [to_varint(12 + 2 * length if kind == BLOB else 0) for kind, length in zip(kinds, lengths, strict=True)]
         n_head = sum(map(len, codes)) + 1
         n_head += n_head > 127  # its own size is in it
         head = to_varint(n_head)
@@ -122,7 +120,7 @@ def find_disorder(n_row, n_key, layout, values, reals, blobs):  # type: ignore[n
             kind = layout[c, 0]
             if kind == BLOB:
                 for b in range(layout[c, 1], layout[c, 1] + layout[c, 2]):
-                    order = np.int64(blobs[i, b]) - np.int64(blobs[i - 1, b])
+                    order = 0 + blobs[i, b] - blobs[i - 1, b]
                     if order != 0:
                         break
             elif kind in (FLOAT, REAL):

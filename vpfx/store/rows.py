@@ -259,7 +259,9 @@ def border_rows(parts: Sequence[OpenSides], level: int, tiling: Tiling) -> Borde
     order = on[np.lexsort((~sides_of.is_forward[on], sides_of.edge_id[on]))]
     edge_id, first, count = np.unique(sides_of.edge_id[order], return_index=True, return_counts=True)
     left = np.where(sides_of.is_forward[order[first]], order[first], -1)
-    right = np.where(sides_of.is_forward[order[first]], np.where(count == 2, order[first + count - 1], -1), order[first])
+    right = np.where(
+        sides_of.is_forward[order[first]], np.where(count == 2, order[first + count - 1], -1), order[first]
+    )
     single = np.flatnonzero(~sides_of.is_border | ~np.isin(sides_of.edge_id, edge_id[count == 2]))
     links = outside_links(
         sides_of.start_id[single], sides_of.end_id[single], sides_of.east[single], sides_of.north[single]

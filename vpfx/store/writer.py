@@ -12,7 +12,7 @@ import sqlite3
 from collections.abc import Mapping
 from pathlib import Path
 from types import TracebackType
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -23,25 +23,13 @@ from vpfx.store.digest import Digest, read_digest
 from vpfx.store.geopackage import APPLICATION_ID, USER_VERSION, register
 from vpfx.store.pages import PageWriter
 from vpfx.store.rows import FirstIds, NodeRows, OpenSides, Place, border_rows, tile_rows
+from vpfx.store.summary import LevelSummary
 from vpfx.store.tiles import Tile, Tiling
 
-__all__ = ["FORMAT_VERSION", "LevelSummary", "StoreWriter"]
+__all__ = ["FORMAT_VERSION", "StoreWriter"]
 
 FORMAT_VERSION = "0.1"
 PAGE_SIZE = 4096  # bytes; SQLite's own default: what a region query reads grows in small steps
-
-
-class LevelSummary(NamedTuple):
-    """Totals of one level, as in the table `level`."""
-
-    level: int
-    max_error_bound: float | None
-    max_error: float
-    rmse: float
-    posts: int
-    nodes: int
-    edges: int
-    faces: int
 
 
 class StoreWriter:
@@ -193,8 +181,14 @@ class StoreWriter:
         nodes = np.cumsum(self._counts[:, 0])
         return [
             LevelSummary(
-                level, bounds[level], float(worst), float(np.sqrt(squares / max(posts, 1))), int(posts),
-                int(nodes[level]), int(self._counts[level, 1]), int(self._counts[level, 2]),
+                level,
+                bounds[level],
+                float(worst),
+                float(np.sqrt(squares / max(posts, 1))),
+                int(posts),
+                int(nodes[level]),
+                int(self._counts[level, 1]),
+                int(self._counts[level, 2]),
             )  # fmt: skip
             for level, (worst, squares, posts) in enumerate(self._errors)
         ]
@@ -206,7 +200,9 @@ class StoreWriter:
         texts = {"format_version": FORMAT_VERSION, "crs_wkt2": self._wkt, **metadata}
         rows = [(k, v if isinstance(v, str) else json.dumps(v, sort_keys=True)) for k, v in sorted(texts.items())]
         connection.executemany("INSERT INTO metadata VALUES (?, ?)", rows)
-        connection.executemany("INSERT INTO source VALUES (?, ?, ?, ?, ?)", [(i + 1, *s) for i, s in enumerate(sources)])
+        connection.executemany(
+            "INSERT INTO source VALUES (?, ?, ?, ?, ?)", [(i + 1, *s) for i, s in enumerate(sources)]
+        )
         ranges = [self._tiling.border_edge_ids(line.level) or (None, None) for line in summary]
         digests = [digest.value() for digest in self._border_digests]
         levels = [(*line, *limits, digest) for line, limits, digest in zip(summary, ranges, digests, strict=True)]

@@ -1,0 +1,235 @@
+"""The command line: one function a command, no logic. Data go to stdout, messages to stderr."""
+
+from __future__ import annotations
+
+import json
+import sys
+import time
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import click
+from rich.console import Console
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
+from rich.table import Table
+
+from vpfx import __version__
+from vpfx.errors import InputError, VpfxError
+from vpfx.store.summary import LevelSummary
+
+__all__ = ["app", "main"]
+
+USAGE, FAILURE, INTERRUPTED = 2, 3, 130  # exit codes; 0 is good, 1 is for findings
+
+MAX_ERROR = "40,20,10,5"  # bounds where none are given, metres
+
+
+def main(arguments: Sequence[str] | None = None) -> None:
+    """Run a command; every error is one line on stderr and an exit code."""
+    try:
+        code = app.main(arguments, prog_name="vpfx", standalone_mode=False)
+    except click.exceptions.NoArgsIsHelpError as error:
+        print(error.format_message(), file=sys.stderr)
+        sys.exit(USAGE)
+    except click.UsageError as error:
+        command = error.ctx.command_path if error.ctx else "vpfx"
+        _fail(f"{command}: {error.format_message()} See: {command} --help", USAGE)
+    except InputError as error:
+        _fail(f"vpfx: {error}", USAGE)
+    except VpfxError as error:
+        _fail(f"vpfx: {error}", FAILURE)
+    except MemoryError:
+        _fail("vpfx: found too little memory; try a smaller --tile-size or fewer --workers", FAILURE)
+    except (KeyboardInterrupt, click.Abort):
+        _fail("vpfx: interrupted; nothing was changed", INTERRUPTED)
+    sys.exit(code or 0)
+
+
+def _fail(message: str, code: int) -> None:
+    print(" ".join(message.split("\n")), file=sys.stderr)
+    sys.exit(code)
+
+
+def _numbers(text: str | None, name: str, kind: type) -> tuple[Any, ...] | None:
+    """Numbers between commas; None stays None."""
+    if text is None:
+        return None
+    try:
+        return tuple(kind(part) for part in text.split(","))
+    except ValueError:
+        wanted = "whole numbers" if kind is int else "numbers"
+        raise InputError(f"--{name}: found {text!r}, expected {wanted} between commas") from None
+
+
+def _grid(text: str | None) -> tuple[int, int] | None:
+    """Squares of the start grid as COLUMNSxROWS; None stays None."""
+    if text is None:
+        return None
+    columns, _, rows = text.lower().replace("×", "x").partition("x")
+    if not (columns.isdigit() and rows.isdigit() and int(columns) and int(rows)):
+        raise InputError(f"--grid: found {text!r}, expected columns x rows, such as 9x9")
+    return int(columns), int(rows)
+
+
+@click.group(no_args_is_help=True)
+@click.version_option(__version__, prog_name="vpfx", message="%(prog)s %(version)s")
+def app() -> None:
+    """Hierarchical TINs from elevation grids, kept as VPF-style primitive tables in one tiled GeoPackage."""
+
+
+@app.command()
+@click.argument("dem", nargs=-1, required=True, metavar="DEM...")
+@click.option("-o", "--output", required=True, metavar="STORE.gpkg", help="The store to make.")
+@click.option("--method", default="wynne", show_default=True, help="Method of triangulation.")
+@click.option(
+    "--max-error", metavar="A,B,…", help=f"Bound of each level, coarse to fine, metres.  [default: {MAX_ERROR}]"
+)
+@click.option(
+    "--max-faces",
+    metavar="N,M,…",
+    help="Instead: budget of faces of each level; the smallest bound that fits is found.",
+)
+@click.option("--passes", type=int, help="Instead: pass mode, so many levels after the start grid, one pass each.")
+@click.option("--grid", metavar="9x9", help="Squares of the start grid of a tile, columns x rows.")
+@click.option(
+    "--tolerance", default=0.0, show_default=True, help="Pass mode: a point off by more is significant, metres."
+)
+@click.option(
+    "--xy-tolerance",
+    default=0.0,
+    show_default=True,
+    help="Pass mode: least distance of a break from both ends, metres.",
+)
+@click.option("--xy-ratio", default=0.1, show_default=True, help="Pass mode: the same as a share of the edge.")
+@click.option(
+    "--diagonal", default="shorter", show_default=True, help="Rule 2 takes this diagonal: shorter, random, least-error."
+)
+@click.option(
+    "--start", default="grid", show_default=True, help="Start mesh: grid, or delaunay of the most significant posts."
+)
+@click.option("--start-posts", default=200, show_default=True, help="Posts of the delaunay start of a tile.")
+@click.option("--seed", default=0, show_default=True, help="Start of all random choices.")
+@click.option("--fill", is_flag=True, help="Fill voids by interpolation and mark the faces there.")
+@click.option("--crs", metavar="EPSG:4326", help="CRS of files that state none.")
+@click.option("--bbox", metavar="X,Y,X,Y", help="Only the posts inside: min x, min y, max x, max y in CRS units.")
+@click.option("--band", default=1, show_default=True, help="Band of the raster.")
+@click.option("--nodata", type=float, help="Height that marks voids, whatever the file says.")
+@click.option("--vertical-unit", metavar="UNIT", help="metre, foot or us_survey_foot, whatever the file says.")
+@click.option("--vertical-datum", metavar="NAME", help="Such as EPSG:5773, whatever the file says.")
+@click.option("--tile-size", type=int, help="Most post spacings along a side of a tile.  [default: 512]")
+@click.option("--workers", type=int, help="Threads that triangulate.  [default: the processors]")
+@click.option("--overwrite", is_flag=True, help="Replace an existing store, once the new one is complete.")
+@click.option("--json", "as_json", is_flag=True, help="Print one JSON document.")
+@click.option("-q", "--quiet", is_flag=True, help="Print nothing but errors.")
+def build(
+    dem: tuple[str, ...], output: str, max_error: str | None, max_faces: str | None, grid: str | None, bbox: str | None,
+    tile_size: int | None, as_json: bool, quiet: bool, **given: Any,
+) -> None:  # fmt: skip
+    """Turn elevation files into a hierarchical TIN store; several files form a mosaic.
+
+    Example: vpfx build n36.dt2 -o n36.gpkg --max-error 40,20,10,5
+    """
+    _announce_compilation(quiet or as_json)
+    from vpfx import pipeline
+
+    if max_error is None and max_faces is None and given["passes"] is None:
+        max_error = MAX_ERROR
+    dem_options = {name: given.pop(name) for name in ("crs", "band", "nodata", "vertical_unit", "vertical_datum")}
+    dem_options["bbox"] = _numbers(bbox, "bbox", float)
+    if tile_size is not None:
+        given["tile_size"] = tile_size
+    with _progress(quiet or as_json) as progress:
+        report = pipeline.build(
+            dem, output, max_error=_numbers(max_error, "max-error", float), max_faces=_numbers(max_faces, "max-faces", int),
+            grid=_grid(grid), progress=progress, dem_options=dem_options, **given,
+        )  # fmt: skip
+    if as_json:
+        _print_json(
+            report.levels, report.seconds, store=str(report.path), tiles=report.tiles, **report.ground._asdict()
+        )
+    elif not quiet:
+        _print_levels(report.levels)
+        size = report.path.stat().st_size
+        print(
+            f"{report.path}: {size:,} bytes, {report.ground.posts:,} posts, {report.tiles} tiles, {report.seconds:.1f} s"
+        )
+
+
+@app.command()
+@click.argument("store", type=click.Path(path_type=Path))
+@click.option("--json", "as_json", is_flag=True, help="Print one JSON document.")
+def info(store: Path, as_json: bool) -> None:
+    """Tell what a store holds: levels, counts, bounds, measured errors, extent, CRS, sources, size.
+
+    Example: vpfx info n36.gpkg
+    """
+    started = time.perf_counter()
+    from vpfx.store.store import open_store
+
+    with open_store(store) as opened:
+        tiles = len(opened.tiles()["tile_id"])
+        facts = {
+            "store": str(store), "bytes": store.stat().st_size, "tiles": tiles, "extent": list(opened.extent),
+            **opened.metadata, "sources": opened.sources,
+        }  # fmt: skip
+        if as_json:
+            _print_json(opened.levels, time.perf_counter() - started, **facts)
+            return
+        _print_levels(opened.levels)
+        _print_facts(facts)
+
+
+def _print_facts(facts: dict[str, Any]) -> None:
+    crs = facts.pop("crs_wkt2")
+    facts["crs"] = crs.split('"')[1] if '"' in crs else "unknown"
+    for source in facts.pop("sources"):
+        facts[f"source {source['name']}"] = (
+            f"{source['byte_count']} bytes, {source['driver']}, sha256 {source['sha256']}"
+        )
+    options = facts.pop("options", {})
+    facts["options"] = ", ".join(f"{name}={value}" for name, value in options.items() if value is not None)
+    width = max(len(name) for name in facts)
+    for name, value in facts.items():
+        print(f"{name:<{width}}  {value}")
+
+
+def _print_json(levels: Sequence[LevelSummary], seconds: float, **facts: Any) -> None:
+    document = {"levels": [line._asdict() for line in levels], "seconds": round(seconds, 3), **facts}
+    print(json.dumps(document, indent=2, ensure_ascii=False))
+
+
+def _print_levels(levels: Sequence[LevelSummary]) -> None:
+    table = Table(box=None, pad_edge=False)
+    for title in ("level", "bound m", "max error m", "rmse m", "nodes", "edges", "faces"):
+        table.add_column(title, justify="right", no_wrap=True)
+    for line in levels:
+        bound = "–" if line.max_error_bound is None else f"{line.max_error_bound:g}"
+        table.add_row(
+            str(line.level), bound, f"{line.max_error:.3f}", f"{line.rmse:.3f}", f"{line.nodes:,}", f"{line.edges:,}",
+            f"{line.faces:,}",
+        )  # fmt: skip
+    Console(width=100, highlight=False).print(table)
+
+
+@contextmanager
+def _progress(is_quiet: bool) -> Iterator[Any]:
+    """Yield a function that shows tiles done of tiles in all: a bar on a terminal, nothing elsewhere."""
+    console = Console(stderr=True)
+    if is_quiet or not console.is_terminal:
+        yield None
+        return
+    columns = TextColumn("tiles"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn()
+    with Progress(*columns, console=console, transient=True) as bar:
+        task = bar.add_task("tiles", total=None)
+        yield lambda done, total: bar.update(task, completed=done, total=total)
+
+
+def _announce_compilation(is_quiet: bool) -> None:
+    """Say that the first run compiles the kernels, if it will."""
+    from vpfx.methods.scan import scan_faces
+
+    cache = Path(scan_faces.stats.cache_path)
+    if not is_quiet and not any(cache.glob("scan.scan_faces*.nbi")):
+        print("vpfx: compiling kernels, once; later runs start at once", file=sys.stderr)

@@ -1,0 +1,327 @@
+"""Reading a store: levels, tiles, rows as arrays, and `Tin` objects of a level and region.
+
+A store from a stranger is read safely: read-only, with untrusted schema, and only if its tables are those of ``schema/``.
+"""
+
+from __future__ import annotations
+
+import json
+import sqlite3
+from collections.abc import Sequence
+from pathlib import Path
+from types import TracebackType
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vpfx.errors import InputError, NotFoundError, StoreError, StoreFormatError
+from vpfx.model import Extent, Tin
+from vpfx.store.ddl import schema_sql
+from vpfx.store.geopackage import APPLICATION_ID
+from vpfx.store.summary import LevelSummary
+
+__all__ = ["Store", "open_store"]
+
+NONE_ID = -1  # stands for NULL in integer columns of arrays
+_CORE = ("metadata", "source", "level", "tile", "tile_index", "tile_level", "node", "edge", "face", "parent_child")
+_RANGED = ("node", "edge", "face")
+
+
+def open_store(path: str | Path) -> Store:
+    """Open a store for reading.
+
+    Parameters
+    ----------
+    path : path
+        A file made by `vpfx.build`.
+
+    Returns
+    -------
+    Store
+        Use it in a ``with`` statement.
+
+    Raises
+    ------
+    NotFoundError
+        There is no such file.
+    StoreFormatError
+        The file is not a store of vpfx, or its tables are not those of the format.
+
+    Examples
+    --------
+    >>> open_store("README.md")
+    Traceback (most recent call last):
+    vpfx.errors.StoreFormatError: README.md: found no SQLite database, expected a store made by vpfx build
+    """
+    return Store(Path(path))
+
+
+class Store:
+    """A store open for reading; made by `open_store`.
+
+    Attributes
+    ----------
+    path : Path
+        The file.
+    metadata : dict
+        What was built, from what and how; values that were not text are decoded from JSON.
+    levels : tuple of LevelSummary
+        Counts, bounds and measured errors, coarse to fine.
+    crs : str
+        CRS as WKT2; empty if unknown.
+    extent : Extent
+        Rectangle spanned by the posts.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        if not path.is_file():
+            raise NotFoundError(f"{path}: found no such file, expected a store made by vpfx build")
+        try:
+            self._connection = sqlite3.connect(f"{path.absolute().as_uri()}?mode=ro", uri=True)
+        except sqlite3.Error as error:
+            raise StoreError(f"{path}: cannot be opened: {error}") from error
+        try:
+            self._connection.execute("PRAGMA trusted_schema = OFF")
+            self._check_schema()
+            self._read_contents()
+        except sqlite3.DatabaseError as error:
+            self.close()
+            reason = "no SQLite database" if "not a database" in str(error) else f"a damaged database ({error})"
+            raise StoreFormatError(str(path), "", f"found {reason}, expected a store made by vpfx build") from error
+        except BaseException:
+            self.close()
+            raise
+
+    def _check_schema(self) -> None:
+        """Compare the tables with those of the format, so that no view or trigger stands in for one."""
+        (found,) = self._connection.execute("PRAGMA application_id").fetchone()
+        if found != APPLICATION_ID:
+            raise StoreFormatError(
+                str(self.path), "", "found no GeoPackage, expected a store made by vpfx build", "R-200"
+            )
+        model = sqlite3.connect(":memory:")
+        try:
+            model.executescript(schema_sql("gpkg.sql") + schema_sql("vpfx.sql"))
+            query = "SELECT name, type, sql FROM sqlite_schema"
+            expected = {name: (kind, sql) for name, kind, sql in model.execute(query) if name in _CORE}
+        finally:
+            model.close()
+        found = {name: (kind, sql) for name, kind, sql in self._connection.execute(query)}
+        for name, definition in expected.items():
+            if found.get(name) != definition:
+                message = "found another definition or none, expected that of schema/vpfx.sql"
+                raise StoreFormatError(str(self.path), f"table {name}", message, "R-100")
+
+    def _read_contents(self) -> None:
+        rows = self._connection.execute("SELECT name, value FROM metadata").fetchall()
+        self.metadata: dict[str, Any] = {name: _decoded(value) for name, value in rows}
+        self.crs = str(self.metadata.get("crs_wkt2", ""))
+        columns = "level, max_error_bound, max_error, rmse, post_count, node_count, edge_count, face_count"
+        levels = self._connection.execute(f"SELECT {columns} FROM level ORDER BY level").fetchall()
+        self.levels = tuple(LevelSummary(*row) for row in levels)
+        box = self._connection.execute("SELECT min(xmin), min(ymin), max(xmax), max(ymax) FROM tile").fetchone()
+        if not self.levels or None in box:
+            raise StoreFormatError(str(self.path), "", "found no level or no tile, expected at least one", "R-120")
+        self.extent = Extent(*box)
+
+    def close(self) -> None:
+        """Close the file."""
+        self._connection.close()
+
+    def __enter__(self) -> Store:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+    def __repr__(self) -> str:
+        return f"<Store {self.path} with {len(self.levels)} levels>"
+
+    @property
+    def sources(self) -> list[dict[str, Any]]:
+        """The elevation files: name, sha256, byte_count, driver."""
+        query = "SELECT name, sha256, byte_count, driver FROM source ORDER BY source_id"
+        return [
+            dict(zip(("name", "sha256", "byte_count", "driver"), row, strict=True))
+            for row in self._connection.execute(query)
+        ]
+
+    def tiles(self, bbox: Sequence[float] | None = None) -> dict[str, NDArray[Any]]:
+        """Tiles, all or those that touch a rectangle, as columns of the table `tile`."""
+        query = "SELECT * FROM tile"
+        if bbox is not None:
+            min_x, min_y, max_x, max_y = _checked_box(bbox)
+            query += " WHERE tile_id IN (SELECT tile_id FROM tile_index WHERE xmax >= ? AND xmin <= ? AND ymax >= ? AND ymin <= ?)"
+            return self._columns(f"{query} ORDER BY tile_id", (min_x, max_x, min_y, max_y))
+        return self._columns(f"{query} ORDER BY tile_id")
+
+    def rows(self, table: str, level: int, tile_id: int | None = None) -> dict[str, NDArray[Any]]:
+        """Rows of one level as arrays.
+
+        Parameters
+        ----------
+        table : str
+            ``node`` (those new at the level), ``edge`` or ``face``.
+        level : int
+        tile_id : int, optional
+            Only the rows of one tile.
+
+        Returns
+        -------
+        dict of str to array
+            One int64 or float64 array a column, in the order of ids; NULL is -1.
+
+        Raises
+        ------
+        InputError, NotFoundError
+            No such table, level or tile.
+        """
+        if table not in _RANGED:
+            raise InputError(f"table: found {table!r}, expected one of: {', '.join(_RANGED)}")
+        self._check_level(level)
+        where, values = "level = ?", [level]
+        if tile_id is not None:
+            if not self._connection.execute("SELECT 1 FROM tile WHERE tile_id = ?", (tile_id,)).fetchone():
+                raise NotFoundError(f"{self.path}: found no tile {tile_id}")
+            where, values = f"{where} AND tile_id = ?", [level, tile_id]
+        columns = [row[1] for row in self._connection.execute(f"PRAGMA table_info({table})") if row[1] != "xyz"]
+        return self._columns(f"SELECT {', '.join(columns)} FROM {table} WHERE {where} ORDER BY {table}_id", values)
+
+    def links(self, level: int) -> NDArray[np.int64]:
+        """Pairs (parent_face, child_face) from the level before to this one, in the order of children."""
+        self._check_level(level)
+        query = (
+            "SELECT p.parent_face, p.child_face FROM tile_level r CROSS JOIN parent_child p "
+            "ON p.child_face BETWEEN r.first_face AND r.last_face WHERE r.level = ? ORDER BY p.child_face, p.parent_face"
+        )
+        columns = self._columns(query, (level,))
+        return np.stack([columns["parent_face"], columns["child_face"]], axis=1)
+
+    def tin(self, level: int, bbox: Sequence[float] | None = None) -> Tin:
+        """Return one level as a `Tin`, whole or the faces that touch a rectangle.
+
+        Parameters
+        ----------
+        level : int
+            From 0, the coarsest.
+        bbox : four numbers, optional
+            min_x, min_y, max_x, max_y in CRS units; a face counts if its own bounding box touches it.
+
+        Returns
+        -------
+        Tin
+            With face attributes face_id, tile_id, is_filled, slope and aspect (degrees, NaN for level ground) and node
+            attributes node_id and level.
+
+        Raises
+        ------
+        InputError, NotFoundError
+            The rectangle is none, or there is no such level.
+
+        Notes
+        -----
+        Reads only the tiles that touch the rectangle.
+        """
+        self._check_level(level)
+        tile_ids = self.tiles(bbox)["tile_id"].tolist()
+        parts = [self._tile_faces(level, tile_id) for tile_id in tile_ids]
+        faces = {name: np.concatenate([part[name] for part in parts]) for name in parts[0]} if parts else {}
+        if not faces:
+            return Tin(np.empty((0, 3)), np.empty((0, 3), np.int32), crs=self.crs)
+        corners = np.stack([faces[f"node_{i}"] for i in (1, 2, 3)], axis=1)
+        node_ids, index = np.unique(corners, return_inverse=True)
+        nodes = self._nodes(node_ids, tile_ids)
+        face_nodes = index.reshape(-1, 3)
+        if bbox is not None:
+            keep = _touches(nodes["xyz"], face_nodes, _checked_box(bbox))
+            faces = {name: values[keep] for name, values in faces.items()}
+            used, index = np.unique(face_nodes[keep], return_inverse=True)
+            nodes = {name: values[used] for name, values in nodes.items()}
+            face_nodes = index.reshape(-1, 3)
+        aspect = faces["aspect_centidegrees"]
+        attributes = {
+            "face_id": faces["face_id"], "tile_id": faces["tile_id"], "is_filled": faces["is_filled"].astype(bool),
+            "slope": faces["slope_centidegrees"] / 100.0, "aspect": np.where(aspect == NONE_ID, np.nan, aspect / 100.0),
+        }  # fmt: skip
+        known = {"node_id": nodes["node_id"], "level": nodes["level"]}
+        return Tin(nodes["xyz"], face_nodes.astype(np.int32), attributes, known, crs=self.crs)
+
+    def _tile_faces(self, level: int, tile_id: int) -> dict[str, NDArray[Any]]:
+        query = (
+            "SELECT f.* FROM tile_level r CROSS JOIN face f ON f.face_id BETWEEN r.first_face AND r.last_face "
+            "WHERE r.tile_id = ? AND r.level = ? ORDER BY f.face_id"
+        )
+        return self._columns(query, (tile_id, level))
+
+    def _nodes(self, node_ids: NDArray[np.int64], tile_ids: Sequence[int]) -> dict[str, NDArray[Any]]:
+        """Nodes by id: those of the given tiles in one sweep each, those on borders one by one."""
+        parts = []
+        low_high = "SELECT min(first_node), max(last_node) FROM tile_level WHERE tile_id = ?"
+        for tile_id in tile_ids:
+            limits = self._connection.execute(low_high, (tile_id,)).fetchone()
+            query = "SELECT node_id, level, xyz FROM node WHERE node_id BETWEEN ? AND ?"
+            parts.append(self._connection.execute(query, limits).fetchall())
+        found = {row[0] for part in parts for row in part}
+        single = "SELECT node_id, level, xyz FROM node WHERE node_id = ?"
+        missing = [node_id for node_id in node_ids.tolist() if node_id not in found]
+        parts.append([row for node_id in missing for row in self._connection.execute(single, (node_id,))])
+        rows = [row for part in parts for row in part]
+        known = np.array([row[0] for row in rows], np.int64)
+        order = np.argsort(known)
+        at = order[np.minimum(np.searchsorted(known[order], node_ids), len(order) - 1)]
+        if len(rows) == 0 or (known[at] != node_ids).any():
+            raise StoreFormatError(str(self.path), "table node", "found faces with corners that are no nodes", "R-170")
+        xyz = np.frombuffer(b"".join(row[2] for row in rows), "<f8").reshape(-1, 3)
+        return {"node_id": node_ids, "level": np.array([row[1] for row in rows], np.int32)[at], "xyz": xyz[at]}
+
+    def _check_level(self, level: int) -> None:
+        if not 0 <= level < len(self.levels):
+            raise NotFoundError(f"{self.path}: found no level {level}, expected 0…{len(self.levels) - 1}")
+
+    def _columns(self, query: str, values: Sequence[Any] = ()) -> dict[str, NDArray[Any]]:
+        """Run a query and return its columns as arrays; NULL is -1, or NaN in columns of reals."""
+        cursor = self._connection.execute(query, values)
+        names = [column[0] for column in cursor.description]
+        rows = cursor.fetchall()
+        columns = zip(*rows, strict=True) if rows else ([] for _ in names)
+        return {name: _array(column) for name, column in zip(names, columns, strict=True)}
+
+
+def _array(values: Sequence[Any]) -> NDArray[Any]:
+    """Array of one column of rows."""
+    if any(isinstance(value, str) for value in values[:1]):
+        return np.array(values)
+    if any(isinstance(value, float) for value in values[:1]):
+        return np.array(values, np.float64)
+    try:
+        return np.array(values, np.int64)
+    except TypeError:
+        return np.array([NONE_ID if value is None else value for value in values], np.int64)
+
+
+def _decoded(value: str) -> Any:
+    """Metadata value: JSON if it is an object, a list, a number, true, false or null, else the text itself."""
+    try:
+        return json.loads(value)
+    except ValueError:
+        return value
+
+
+def _checked_box(bbox: Sequence[float]) -> Extent:
+    if len(bbox) != 4 or not np.isfinite(bbox).all() or bbox[0] > bbox[2] or bbox[1] > bbox[3]:
+        raise InputError(f"bbox: found {tuple(bbox)}, expected min_x, min_y, max_x, max_y")
+    return Extent(*bbox)
+
+
+def _touches(nodes: NDArray[np.float64], face_nodes: NDArray[np.int64], box: Extent) -> NDArray[np.bool_]:
+    """Faces whose bounding boxes touch a rectangle."""
+    corner = nodes[:, :2][face_nodes]
+    low, high = corner.min(axis=1), corner.max(axis=1)
+    touches: NDArray[np.bool_] = (low <= (box.max_x, box.max_y)).all(axis=1) & (high >= (box.min_x, box.min_y)).all(
+        axis=1
+    )
+    return touches

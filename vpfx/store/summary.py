@@ -1,0 +1,34 @@
+"""Totals of a level, as they are stored, reported and printed."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+__all__ = ["LevelSummary"]
+
+
+class LevelSummary(NamedTuple):
+    """Totals of one level.
+
+    Attributes
+    ----------
+    level : int
+        0 is the coarsest.
+    max_error_bound : float or None
+        Bound asked for, metres.
+    max_error, rmse : float
+        Vertical errors measured at the valid posts, metres.
+    posts : int
+        Valid posts measured.
+    nodes, edges, faces : int
+        Counts; nodes of coarser levels included.
+    """
+
+    level: int
+    max_error_bound: float | None
+    max_error: float
+    rmse: float
+    posts: int
+    nodes: int
+    edges: int
+    faces: int
