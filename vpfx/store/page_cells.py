@@ -27,25 +27,29 @@ STREAM, SEAL, LAST = range(3)
 
 
 @njit(nogil=True, cache=True)
-def varint_at(cells, at):  # type: ignore[no-untyped-def]
-    """Return the value and the end of the variable-length integer at a byte; of nine bytes only the end is right."""
-    value = np.int64(0)
-    for b in range(8):
-        value = value << 7 | np.int64(cells[at + b] & 127)
-        if cells[at + b] < 128:
-            return value, at + b + 1
-    return value, at + 9
+def varint_end(cells, at):  # type: ignore[no-untyped-def]
+    """Return the end of the variable-length integer at a byte; the ninth byte is the last, whatever it holds."""
+    last = at + 8
+    while cells[at] > 127 and at < last:
+        at += 1
+    return at + 1
 
 
 @njit(nogil=True, cache=True)
 def cell_end(kind, cells, at):  # type: ignore[no-untyped-def]
     """Return the end of the cell at a byte, by the kind of page it is for."""
     start = at
-    if kind == INNER_TABLE:
-        return varint_at(cells, at + 4)[1]
-    payload, at = varint_at(cells, at + 4 if kind == INNER_INDEX else at)
-    if kind == LEAF_TABLE:
-        at = varint_at(cells, at)[1]
+    if kind in (INNER_INDEX, INNER_TABLE):
+        at += 4
+    payload = 0
+    if kind != INNER_TABLE:
+        while cells[at] > 127:
+            payload = payload << 7 | (cells[at] & 127)
+            at += 1
+        payload = payload << 7 | cells[at]
+        at += 1
+    if kind in (INNER_TABLE, LEAF_TABLE):
+        at = varint_end(cells, at)
     return max(at + payload, start + 4)
 
 
@@ -171,11 +175,8 @@ def lay_pages(kind, mode, cells, at, last_child, first_page, pages, ups, page_ro
             n_up = put_number(ups, n_up, number)
             from_byte, to_byte = stop, next_at
             if kind == LEAF_TABLE:
-                from_byte = starts[n_cell - 1]
-                while cells[from_byte] > 127:
-                    from_byte += 1
-                from_byte += 1
-                to_byte = varint_at(cells, from_byte)[1]
+                from_byte = varint_end(cells, starts[n_cell - 1])
+                to_byte = varint_end(cells, from_byte)
             elif kind == LEAF_INDEX:
                 if cells[stop] < 3:
                     to_byte = stop + 1 + cells[stop]  # without the zeros that filled up the cell

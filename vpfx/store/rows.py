@@ -19,7 +19,7 @@ from vpfx.model import Hierarchy
 from vpfx.store.tiles import EAST, NORTH, SOUTH, WEST, Tile, Tiling
 from vpfx.topology import Sides, outside_links, sides
 
-__all__ = ["NULL", "BorderRows", "FirstIds", "LevelRows", "NodeRows", "Place", "TileRows", "border_rows", "tile_rows"]
+__all__ = ["NULL", "FirstIds", "LevelRows", "NodeRows", "Place", "TileRows", "border_rows", "tile_rows"]
 
 NULL = np.iinfo(np.int64).min
 """Stands for NULL in integer columns."""
@@ -170,7 +170,7 @@ def _level_rows(
     outside, follower = _outside(mesh, known, edge_id)
     has_twin = mesh.twin >= 0
     after = np.where(has_twin, previous_edge[mesh.twin], NULL)
-    after[outside] = np.where(follower >= 0, follower, edge_id[outside])  # shared ends get theirs in border_rows
+    after[outside] = follower  # -1 only where border_rows writes the row
     own = np.flatnonzero(is_own)
     tile_id = np.full(len(own), known.tile.index + 1, np.int64)
     edges = (
@@ -221,9 +221,11 @@ def _edge_ids(
         edge_id[on] = known.tiling.border_edge_id(border, level, offset)
         is_border[on] = True
         is_forward[on] = side in (SOUTH, EAST)  # counter-clockwise round the tile: east in the south, north in the east
-    is_own = ~is_border & (alone | (index < mesh.twin))
+    is_late = alone & ~is_border & (known.ids[mesh.end] <= known.n_shared_id)
+    edge_id[is_late] = known.tiling.late_edge_id(known.tile, level, np.arange(int(is_late.sum())))
+    is_own = ~is_border & ~is_late & (alone | (index < mesh.twin))
     edge_id[is_own] = first_edge + np.arange(int(is_own.sum()))
-    other = np.flatnonzero(~is_border & ~is_own)
+    other = np.flatnonzero(~alone & ~is_own)
     edge_id[other] = edge_id[mesh.twin[other]]
     return edge_id, is_border, is_forward, is_own
 
@@ -239,15 +241,8 @@ def _outside(mesh: Sides, known: _TileNodes, edge_id: Ids) -> tuple[NDArray[np.i
     return at, np.where(is_shared, -1, edge_id[at][follower])
 
 
-class BorderRows(NamedTuple):
-    """Rows of all borders of one level, and corrections to rows written before."""
-
-    edges: Table
-    right_edge_of: dict[int, int]
-
-
-def border_rows(parts: Sequence[OpenSides], level: int, tiling: Tiling) -> BorderRows:
-    """Edges on borders between tiles, and the links of edges of single tiles that end on a shared node.
+def border_rows(parts: Sequence[OpenSides], level: int, tiling: Tiling) -> Table:
+    """Edges on borders between tiles, and outline edges of single tiles that end there; columns of `edge` in order of id.
 
     Parameters
     ----------
@@ -273,12 +268,19 @@ def border_rows(parts: Sequence[OpenSides], level: int, tiling: Tiling) -> Borde
     end = np.where(left >= 0, sides_of.end_id[some], sides_of.start_id[some])
     right_edge = np.where(right >= 0, sides_of.previous_edge[right], follower[left])
     left_edge = np.where(left >= 0, sides_of.previous_edge[left], follower[right])
-    border = (edge_id - 1) // tiling.border_width % max(1, tiling.n_border)
-    n = len(edge_id)
-    edges = (
-        edge_id, tiling.border_owner(border) + 1, np.full(n, level, np.int64), start, end,
-        np.where(right >= 0, sides_of.face_id[right], NULL), np.where(left >= 0, sides_of.face_id[left], NULL),
-        right_edge, left_edge,
-    )  # fmt: skip
     late = np.flatnonzero(~sides_of.is_border & (sides_of.end_id <= tiling.n_border_node_id))
-    return BorderRows(edges, dict(zip(sides_of.edge_id[late].tolist(), follower[late].tolist(), strict=True)))
+    nothing = np.full(len(late), NULL)
+    columns = (
+        (edge_id, sides_of.edge_id[late]),
+        (start, sides_of.start_id[late]),
+        (end, sides_of.end_id[late]),
+        (np.where(right >= 0, sides_of.face_id[right], NULL), nothing),
+        (np.where(left >= 0, sides_of.face_id[left], NULL), sides_of.face_id[late]),
+        (right_edge, follower[late]),
+        (left_edge, sides_of.previous_edge[late]),
+    )
+    ids, *others = (np.concatenate(pair) for pair in columns)
+    in_order = np.argsort(ids)
+    edge_ids = ids[in_order]
+    owner = tiling.edge_owner(edge_ids) + 1
+    return edge_ids, owner, np.full(len(ids), level, np.int64), *(column[in_order] for column in others)

@@ -11,13 +11,15 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from vpfx.errors import InputError
+from vpfx.errors import InputError, InvariantError
 
 __all__ = ["DEFAULT_TILE_SIZE", "Tile", "Tiling"]
 
 DEFAULT_TILE_SIZE = 512  # post spacings; see specs/methods.md M-220 for the figures behind it
 LEAST_TILE_SIZE = 8
 SOUTH, EAST, NORTH, WEST = range(4)
+# Outline edges of a tile that end on one of its four borders, for each post of a border: two in each half plane.
+LATE_SHARE = 8
 
 
 class Tile(NamedTuple):
@@ -101,16 +103,21 @@ class Tiling:
         return self.n_corner + self.n_border * self.border_width
 
     @property
+    def _n_level_edge_id(self) -> int:
+        """Ids of edges set aside for the borders of one level: those on borders, then those that end there."""
+        return (self.n_border + self.n_tile * LATE_SHARE) * self.border_width if self.n_border else 0
+
+    @property
     def n_border_edge_id(self) -> int:
         """Ids of edges set aside for borders: 1 … this."""
-        return self.n_level * self.n_border * self.border_width
+        return self.n_level * self._n_level_edge_id
 
     def border_edge_ids(self, level: int) -> tuple[int, int] | None:
         """First and last id set aside for the border edges of a level; None if there are no borders."""
         if not self.n_border:
             return None
-        first = 1 + level * self.n_border * self.border_width
-        return first, first + self.n_border * self.border_width - 1
+        first = 1 + level * self._n_level_edge_id
+        return first, first + self._n_level_edge_id - 1
 
     def shared_node_ids(self, tile: Tile, u: NDArray[np.float64], v: NDArray[np.float64]) -> NDArray[np.int64]:
         """Ids of the nodes at (u, v), in posts from the tile's south-west; 0 for nodes of the tile alone."""
@@ -130,8 +137,32 @@ class Tiling:
 
     def border_edge_id(self, border: int, level: int, offset: NDArray[np.int64]) -> NDArray[np.int64]:
         """Ids of border edges of a level that start `offset` posts from the border's west or south end."""
-        ids: NDArray[np.int64] = 1 + (level * self.n_border + border) * self.border_width + offset
+        ids: NDArray[np.int64] = 1 + level * self._n_level_edge_id + border * self.border_width + offset
         return ids
+
+    def late_edge_id(self, tile: Tile, level: int, index: NDArray[np.int64]) -> NDArray[np.int64]:
+        """Ids of the edges of one tile and level that lie on an outline and end on a border, counted from 0.
+
+        Raises
+        ------
+        InvariantError
+            There are more than the octants round the posts of a border allow.
+        """
+        room = LATE_SHARE * self.border_width
+        if len(index) > room:
+            raise InvariantError(
+                f"tile {tile.name}: found {len(index)} outline edges on borders, expected at most {room}"
+            )
+        first = 1 + level * self._n_level_edge_id + self.n_border * self.border_width
+        ids: NDArray[np.int64] = first + tile.index * room + index
+        return ids
+
+    def edge_owner(self, edge_id: NDArray[np.int64]) -> NDArray[np.int64]:
+        """Index of the tile of each edge set aside for borders."""
+        at = (edge_id - 1) % self._n_level_edge_id
+        is_late = at >= self.n_border * self.border_width
+        late = (at - self.n_border * self.border_width) // (LATE_SHARE * self.border_width)
+        return np.where(is_late, late, self.border_owner(at // self.border_width))
 
     def border_owner(self, border: NDArray[np.int64]) -> NDArray[np.int64]:
         """Index of the tile of least id on each border."""

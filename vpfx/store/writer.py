@@ -19,7 +19,7 @@ import numpy as np
 from vpfx.errors import StoreError
 from vpfx.model import Extent, Hierarchy
 from vpfx.store.ddl import schema_sql
-from vpfx.store.digest import Digest, read_digest
+from vpfx.store.digest import Digest
 from vpfx.store.geopackage import APPLICATION_ID, USER_VERSION, register
 from vpfx.store.pages import PageWriter
 from vpfx.store.rows import FirstIds, NodeRows, OpenSides, Place, border_rows, tile_rows
@@ -141,12 +141,12 @@ class StoreWriter:
         sources : list of (name, sha256, byte_count, driver)
         """
         try:
-            changed = self._write_borders()
+            self._write_borders()
             self._pages.close()
             summary = self._summary(bounds)
             connection = sqlite3.connect(self._temporary)
             try:
-                self._write_contents(connection, summary, metadata, sources, changed)
+                self._write_contents(connection, summary, metadata, sources)
                 connection.commit()
             finally:
                 connection.close()
@@ -155,11 +155,11 @@ class StoreWriter:
             raise StoreError(f"{self.path}: cannot be written: {error}") from error
         return summary
 
-    def _write_borders(self) -> list[dict[int, int]]:
-        """Write nodes and edges on borders; return links of other edges that only now are known, by level."""
+    def _write_borders(self) -> None:
+        """Write the nodes and edges on borders, and the edges whose links hang on them."""
         tiling = self._tiling
         if not tiling.n_border:
-            return []
+            return
         nodes = NodeRows(*(np.concatenate(columns) for columns in zip(*self._shared, strict=True)))
         node_id, first = np.unique(nodes.node_id, return_index=True)
         nodes = nodes.part(first)
@@ -168,14 +168,11 @@ class StoreWriter:
         self._counts[:, 0] += np.bincount(nodes.level, minlength=tiling.n_level)
         for level, digest in enumerate(self._border_digests):
             digest.add(nodes.part(nodes.level == level).table())
-        changed = []
         for level, parts in enumerate(self._open):
-            rows = border_rows(parts, level, tiling)
-            self._pages.append("edge", rows.edges)
-            self._border_digests[level].add(rows.edges)
-            self._counts[level, 1] += len(rows.edges[0])
-            changed.append(rows.right_edge_of)
-        return changed
+            edges = border_rows(parts, level, tiling)
+            self._pages.append("edge", edges)
+            self._border_digests[level].add(edges)
+            self._counts[level, 1] += len(edges[0])
 
     def _summary(self, bounds: list[float | None]) -> list[LevelSummary]:
         nodes = np.cumsum(self._counts[:, 0])
@@ -195,7 +192,7 @@ class StoreWriter:
 
     def _write_contents(
         self, connection: sqlite3.Connection, summary: list[LevelSummary], metadata: Mapping[str, Any],
-        sources: list[tuple[str, str, int, str]], changed: list[dict[int, int]],
+        sources: list[tuple[str, str, int, str]],
     ) -> None:  # fmt: skip
         texts = {"format_version": FORMAT_VERSION, "crs_wkt2": self._wkt, **metadata}
         rows = [(k, v if isinstance(v, str) else json.dumps(v, sort_keys=True)) for k, v in sorted(texts.items())]
@@ -215,8 +212,6 @@ class StoreWriter:
         lines = self._tiling.row_lines[-1], self._tiling.col_lines[-1]
         whole = Tile(0, 0, 0, 0, int(lines[0]), 0, int(lines[1]))
         register(connection, self._wkt, self._extent(whole), len(summary))
-        for level, links in enumerate(changed):
-            _correct(connection, level, links)
 
     def _tiles(self) -> list[Tile]:
         return [self._tiling.tile(index) for index in range(self._tiling.n_tile)]
@@ -254,17 +249,3 @@ class StoreWriter:
 def _limits(first: int, count: int) -> tuple[int | None, int | None]:
     """First and last of `count` running ids; None if there are none."""
     return (first, first + count - 1) if count else (None, None)
-
-
-def _correct(connection: sqlite3.Connection, level: int, links: dict[int, int]) -> None:
-    """Enter links that hung on other tiles, and renew the digests of the tiles concerned."""
-    if not links:
-        return
-    connection.executemany(
-        "UPDATE edge SET right_edge = ? WHERE edge_id = ?", [(follower, edge) for edge, follower in links.items()]
-    )
-    query = "SELECT tile_id FROM tile_level WHERE level = ? AND ? BETWEEN first_edge AND last_edge"
-    tiles = {row[0] for edge in links for row in connection.execute(query, (level, edge))}
-    for tile_id in sorted(tiles):
-        digest = read_digest(connection, tile_id, level)
-        connection.execute("UPDATE tile_level SET digest = ? WHERE tile_id = ? AND level = ?", (digest, tile_id, level))
