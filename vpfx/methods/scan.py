@@ -119,26 +119,24 @@ def _columns(ax, ay, bx, by, cx, cy, row, n_col):
     return max(0, int(np.ceil(low - EDGE_SLACK))), min(n_col - 1, int(np.floor(high + EDGE_SLACK)))
 
 
-@njit(nogil=True, cache=True)
-def _note(face, corner, aspect, col, row, post, error, rule, side_error, side_along, side_post):
-    """Enter a post that is off by more than the bound as candidate of the sides it is near; tell if it is in the middle."""
-    is_inner = True
-    area = (corner[1, 0] - corner[0, 0]) * (corner[2, 1] - corner[0, 1])
-    area -= (corner[2, 0] - corner[0, 0]) * (corner[1, 1] - corner[0, 1])
+@njit(nogil=True, cache=True, inline="always")
+def _measure_sides(corner, area, aspect, rule, steps):
+    """Fill steps (3, 6) with what decides whether a post at (col, row) counts for side i.
+
+    cross = steps[i, 0] + steps[i, 1] * col + steps[i, 2] * row is twice the area between side and post, so its distance
+    times a length; up to steps[i, 3] the post is in the band, from steps[i, 4] on it is in the middle. steps[i, 5] is
+    the squared length.
+    """
     for i in range(3):
         j = (i + 1) % 3
         east, north = corner[j, 0] - corner[i, 0], corner[j, 1] - corner[i, 1]
-        u, v = col - corner[i, 0], row - corner[i, 1]
-        cross = east * v - north * u
         square = (east * aspect) ** 2 + north * north
-        across = (cross * aspect) ** 2  # squared distance from the side, times square
-        is_inner = is_inner and cross >= rule.inner_share * area and across >= rule.inner_away**2 * square
-        side = 3 * face + i
-        if error > side_error[side] and across <= rule.band**2 * square:
-            along = (u * aspect * east * aspect + v * north) / square
-            if rule.end_share <= along <= 1.0 - rule.end_share:
-                side_error[side], side_along[side], side_post[side] = error, along, post
-    return is_inner
+        width = np.sqrt(square) / aspect
+        steps[i, 0] = north * corner[i, 0] - east * corner[i, 1]
+        steps[i, 1], steps[i, 2] = -north, east
+        steps[i, 3] = rule.band * width
+        steps[i, 4] = max(rule.inner_share * area, rule.inner_away * width)
+        steps[i, 5] = square
 
 
 @njit(nogil=True, cache=True)
@@ -170,7 +168,7 @@ def scan_faces(nodes, face_nodes, heights, residual, bound, aspect, rule, found)
     n_row, n_col = heights.shape
     side_error, side_along, side_post = found.side_error, found.side_along, found.side_post
     face_error, face_post, inner_post = found.face_error, found.face_post, found.inner_post
-    corner = np.empty((3, 3))
+    corner, steps, least = np.empty((3, 3)), np.empty((3, 6)), rule.end_share
     for face in range(len(face_nodes)):
         if face_error[face] <= bound:
             continue
@@ -183,6 +181,7 @@ def scan_faces(nodes, face_nodes, heights, residual, bound, aspect, rule, found)
         area = (bx - ax) * (cy - ay) - (cx - ax) * (by - ay)
         gradient = (rise_b * (cy - ay) - rise_c * (by - ay)) / area
         north = (rise_c * (bx - ax) - rise_b * (cx - ax)) / area
+        _measure_sides(corner, area, aspect, rule, steps)
         worst, worst_post, inner, inner_at = 0.0, NONE, bound, NONE
         south = max(0, int(np.ceil(min(ay, by, cy) - EDGE_SLACK)))
         top = min(n_row - 1, int(np.floor(max(ay, by, cy) + EDGE_SLACK)))
@@ -195,10 +194,16 @@ def scan_faces(nodes, face_nodes, heights, residual, bound, aspect, rule, found)
                 if error > worst:  # never for NaN
                     worst, worst_post = error, row * n_col + col
                 if error > bound:
-                    post = row * n_col + col
-                    is_inner = _note(
-                        face, corner, aspect, col, row, post, error, rule, side_error, side_along, side_post
-                    )
+                    is_inner = True
+                    for i in range(3):
+                        cross = steps[i, 0] + steps[i, 1] * col + steps[i, 2] * row
+                        is_inner = is_inner and cross >= steps[i, 4]
+                        side = 3 * face + i
+                        if cross <= steps[i, 3] and error > side_error[side]:
+                            u, v = (col - corner[i, 0]) * aspect**2, row - corner[i, 1]
+                            along = (u * steps[i, 2] - v * steps[i, 1]) / steps[i, 5]
+                            if least <= along <= 1.0 - least:
+                                side_error[side], side_along[side], side_post[side] = error, along, row * n_col + col
                     if is_inner and error > inner:
-                        inner, inner_at = error, post
+                        inner, inner_at = error, row * n_col + col
         face_error[face], face_post[face], inner_post[face] = worst, worst_post, inner_at

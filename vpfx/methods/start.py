@@ -131,9 +131,9 @@ def _significant_posts(heights: NDArray[np.float64], count: int) -> NDArray[np.b
 
 
 def _graded_posts(is_outline: NDArray[np.bool_], spacing: int) -> NDArray[np.bool_]:
-    """Posts in between outline and grid: at distance d from the outline on a lattice of the power of two up to d."""
+    """Posts in between outline and grid: at distance d ≥ 2 on the lattice of twice the power of two up to d (M-310)."""
     distance = distances(is_outline, 2 * spacing)
-    step = 1 << np.floor(np.log2(np.maximum(distance, 1))).astype(np.int64)
+    step = 2 << np.floor(np.log2(np.maximum(distance, 1))).astype(np.int64)
     row, col = np.ogrid[: distance.shape[0], : distance.shape[1]]
     return (distance >= 2) & (distance < spacing) & (row % step == 0) & (col % step == 0)
 
