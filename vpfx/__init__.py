@@ -4,9 +4,9 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from vpfx.pipeline import BuildReport, build, build_hierarchy
     from vpfx.dem import open_dem, read_grid
     from vpfx.model import Extent, Grid, Hierarchy, Tin
+    from vpfx.pipeline import BuildReport, build, build_hierarchy
     from vpfx.store.store import Store, open_store
 
 __version__ = "0.1.0"

@@ -7,13 +7,12 @@ data; both tiles settle it alike (specs/methods.md M-200).
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 from rasterio.fill import fillnodata
 
-from vpfx.dem import Dem
 from vpfx.errors import InputError
 from vpfx.methods.base import Border, Method, Patch
 from vpfx.methods.borders import border_nodes
@@ -46,6 +45,28 @@ class Ground(NamedTuple):
     area_m2: float
     void_area_m2: float
 
+    def plus(self, other: Ground) -> Ground:
+        """Sum of two grounds."""
+        return Ground(*(a + b for a, b in zip(self, other, strict=True)))  # type: ignore[arg-type]
+
+
+class Posts(Protocol):
+    """What patches are read from: a `vpfx.dem.Dem`, or a grid in memory."""
+
+    @property
+    def n_row(self) -> int:
+        """Rows of posts."""
+
+    @property
+    def n_col(self) -> int:
+        """Columns of posts."""
+
+    def read(self, row_start: int, row_stop: int, col_start: int, col_stop: int) -> Floats:
+        """Heights of a window, metres, row 0 in the south, NaN for voids."""
+
+    def post_metres(self, row_start: int, row_stop: int, col_start: int, col_stop: int) -> tuple[float, float]:
+        """Width and height of a post spacing in the middle of a window, metres."""
+
 
 class FilledLines:
     """Heights of the border lines of a tiling with voids filled, the same for both neighbours.
@@ -54,7 +75,7 @@ class FilledLines:
     heights of the nearest line that has some. Lines that run north take the posts they share with those as given.
     """
 
-    def __init__(self, dem: Dem, tiling: Tiling) -> None:
+    def __init__(self, dem: Posts, tiling: Tiling) -> None:
         rows = [dem.read(row, row + 1, 0, dem.n_col)[0] for row in tiling.row_lines.tolist()]
         has_data = np.flatnonzero([not np.isnan(row).all() for row in rows])
         if len(has_data) == 0:
@@ -80,7 +101,7 @@ class PatchReader:
 
     Parameters
     ----------
-    dem : Dem
+    dem : Posts
     tiling : Tiling
     method : Method
     options : mapping
@@ -92,7 +113,7 @@ class PatchReader:
     """
 
     def __init__(
-        self, dem: Dem, tiling: Tiling, method: Method, options: Mapping[str, Any], fill: bool = False, seed: int = 0
+        self, dem: Posts, tiling: Tiling, method: Method, options: Mapping[str, Any], fill: bool = False, seed: int = 0
     ) -> None:
         self._dem, self._tiling, self._seed = dem, tiling, seed
         self._rules = method.levels(options)
@@ -123,7 +144,7 @@ class PatchReader:
             post_metres=metres,
             is_owned=valid & corners_on_ground(squares[1:-1, 1:-1]) & ~self._is_counted_before(squares),
             keeps_voids=self._fill,
-            seed=self._seed * self._tiling.n_tile + tile.index,
+            seed=self._seed * self._tiling.n_tile + tile.number,
         )
 
     def _count(
@@ -138,8 +159,7 @@ class PatchReader:
         covered = np.where(codes == 15, 1.0, np.where(codes > 0, 0.5, 0.0))
         square = metres[0] * metres[1]
         found = own.size, int(own.size - own.sum()), int(is_isolated.sum()), codes.size * square
-        total = (*found, float(codes.size - covered.sum()) * square)
-        self.ground = Ground(*(a + b for a, b in zip(self.ground, total, strict=True)))
+        self.ground = self.ground.plus(Ground(*found, float(codes.size - covered.sum()) * square))
 
     def _fill_voids(self, tile: Tile, heights: Floats) -> Floats:
         heights = heights.copy()

@@ -139,7 +139,7 @@ def build(
             for tile, patch, hierarchy in _built(reader, tiling, part, chosen, n_worker):
                 writer.add(tile, hierarchy, patch.post_metres)
                 if progress:
-                    progress(tile.index + 1, tiling.n_tile)
+                    progress(tile.number + 1, tiling.n_tile)
             bounds = list(chosen["max_error"]) if chosen.get("max_error") is not None else [None] * tiling.n_level
             metadata = _metadata(dem, part, chosen, max_faces, tile_size, fill, seed, reader.ground)
             sources = [(s.name, s.sha256, s.n_byte, s.driver) for s in sorted(dem.sources, key=lambda s: s.name)]
@@ -184,7 +184,8 @@ class _GridDem:
 
     def __init__(self, grid: Grid) -> None:
         self._grid = grid
-        self.n_row, self.n_col = grid.heights.shape
+        self.n_row: int = grid.heights.shape[0]
+        self.n_col: int = grid.heights.shape[1]
 
     def read(self, row_start: int, row_stop: int, col_start: int, col_stop: int) -> Any:
         return self._grid.heights[row_start:row_stop, col_start:col_stop]

@@ -1,4 +1,4 @@
-"""Cutting faces by the paper's rules 1 to 4: the one kernel that turns a mesh with breaks into the next mesh.
+r"""Cutting faces by the paper's rules 1 to 4: the one kernel that turns a mesh with breaks into the next mesh.
 
 A mesh in the making is two flat arrays. Side ``s = 3 * face + i`` runs from node i of the face to the next:
 
@@ -6,9 +6,9 @@ A mesh in the making is two flat arrays. Side ``s = 3 * face + i`` runs from nod
     side_twin (3 * n_face,)  the side of the neighbouring face that runs the other way; -1 where there is none
 
            n2                  rule 1: one side broken             rule 2: two, the corner goes and a diagonal cuts the rest
-          /  \\                 rule 3: all three                   rule 4: none, but a node inside
-     s=2 /    \\ s=1
-        /      \\               m[i] = node that breaks side i      p = node inside
+          /  \                  rule 3: all three                   rule 4: none, but a node inside
+     s=2 /    \ s=1
+        /      \                m[i] = node that breaks side i      p = node inside
       n0 ------ n1
           s=0
 """

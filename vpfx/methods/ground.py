@@ -85,8 +85,7 @@ def _octants(squares: NDArray[np.uint8]) -> Mask:
 
 def inner_posts(squares: NDArray[np.uint8]) -> Mask:
     """Tell which posts have covered ground all round: bool (n_row, n_col)."""
-    inner: Mask = _octants(squares).all(axis=0)
-    return inner
+    return np.asarray(_octants(squares).all(axis=0), bool)
 
 
 def outline_nodes(squares: NDArray[np.uint8]) -> Mask:

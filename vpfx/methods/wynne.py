@@ -11,6 +11,7 @@ The four rules are the only ways to cut (`vpfx.methods.cut`); the modes differ i
 from __future__ import annotations
 
 from collections.abc import Mapping
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -170,7 +171,7 @@ def levels(options: Mapping[str, Any]) -> list[LevelRule | None]:
         bounds = list(bounds)
         if not bounds or any(not np.isfinite(b) or b <= 0 for b in bounds):
             raise InputError(f"wynne: found max_error {bounds}, expected positive numbers of metres")
-        if any(fine >= coarse for coarse, fine in zip(bounds, bounds[1:], strict=False)):
+        if any(fine >= coarse for coarse, fine in pairwise(bounds)):
             raise InputError(f"wynne: found max_error {bounds}, expected each smaller than the one before")
         return [LevelRule(bound * (1.0 - BOUND_SLACK), MIDDLE, 0.0, 0.0, True) for bound in bounds]
     if passes < 0 or options["tolerance"] < 0 or options["xy_tolerance"] < 0 or not 0 <= options["xy_ratio"] < 0.5:

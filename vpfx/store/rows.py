@@ -135,7 +135,7 @@ def tile_rows(
     ids[own] = first.node + np.arange(int(own.sum()))
     level = hierarchy.node_level.astype(np.int64)
     everything = NodeRows(
-        ids, np.full(len(ids), tile.index + 1, np.int64), level, np.stack([x, y, hierarchy.nodes[:, 2]], axis=1)
+        ids, np.full(len(ids), tile.number + 1, np.int64), level, np.stack([x, y, hierarchy.nodes[:, 2]], axis=1)
     )
     metric = hierarchy.nodes * np.array([*post_metres, 1.0])
     known = _TileNodes(tile, tiling, ids, u, v, tiling.n_border_node_id)
@@ -172,7 +172,7 @@ def _level_rows(
     after = np.where(has_twin, previous_edge[mesh.twin], NULL)
     after[outside] = follower  # -1 only where border_rows writes the row
     own = np.flatnonzero(is_own)
-    tile_id = np.full(len(own), known.tile.index + 1, np.int64)
+    tile_id = np.full(len(own), known.tile.number + 1, np.int64)
     edges = (
         edge_id[own], tile_id, np.full(len(own), level, np.int64), known.ids[mesh.start[own]], known.ids[mesh.end[own]],
         np.where(has_twin, face_of_side[mesh.twin], NULL)[own], face_of_side[own], after[own], previous_edge[own],
@@ -181,7 +181,7 @@ def _level_rows(
     nodes, by_face = known.ids[faces], edge_id.reshape(-1, 3)
     aspect_units = np.where(np.isnan(aspect), 0, np.round(np.nan_to_num(aspect) * 100)).astype(np.int64) % 36000
     face_rows = (
-        face_ids, np.full(len(faces), known.tile.index + 1, np.int64), np.full(len(faces), level, np.int64),
+        face_ids, np.full(len(faces), known.tile.number + 1, np.int64), np.full(len(faces), level, np.int64),
         nodes[:, 0], nodes[:, 1], nodes[:, 2], by_face[:, 0], by_face[:, 1], by_face[:, 2],
         hierarchy.face_is_filled[level].astype(np.int64), np.round(slope * 100).astype(np.int64),
         np.where(np.isnan(aspect), NULL, aspect_units),

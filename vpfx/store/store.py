@@ -1,6 +1,6 @@
 """Reading a store: levels, tiles, rows as arrays, and `Tin` objects of a level and region.
 
-A store from a stranger is read safely: read-only, with untrusted schema, and only if its tables are those of ``schema/``.
+A store from a stranger is read safely: read-only, with untrusted schema, and only if its tables are those of the schema.
 """
 
 from __future__ import annotations
@@ -155,7 +155,8 @@ class Store:
         query = "SELECT * FROM tile"
         if bbox is not None:
             min_x, min_y, max_x, max_y = _checked_box(bbox)
-            query += " WHERE tile_id IN (SELECT tile_id FROM tile_index WHERE xmax >= ? AND xmin <= ? AND ymax >= ? AND ymin <= ?)"
+            touching = "SELECT tile_id FROM tile_index WHERE xmax >= ? AND xmin <= ? AND ymax >= ? AND ymin <= ?"
+            query += f" WHERE tile_id IN ({touching})"
             return self._columns(f"{query} ORDER BY tile_id", (min_x, max_x, min_y, max_y))
         return self._columns(f"{query} ORDER BY tile_id")
 

@@ -25,7 +25,7 @@ LATE_SHARE = 8
 class Tile(NamedTuple):
     """One tile: its number and the posts it spans, first and last included."""
 
-    index: int
+    number: int
     row: int
     col: int
     first_row: int
@@ -65,7 +65,7 @@ class Tiling:
     --------
     >>> tiling = Tiling(601, 1201, 512, n_level=3)
     >>> tiling.n_tile, tiling.tile(1)
-    (6, Tile(index=1, row=0, col=1, first_row=0, last_row=300, first_col=400, last_col=800))
+    (6, Tile(number=1, row=0, col=1, first_row=0, last_row=300, first_col=400, last_col=800))
     """
 
     def __init__(self, n_row: int, n_col: int, tile_size: int, n_level: int) -> None:
@@ -154,7 +154,7 @@ class Tiling:
                 f"tile {tile.name}: found {len(index)} outline edges on borders, expected at most {room}"
             )
         first = 1 + level * self._n_level_edge_id + self.n_border * self.border_width
-        ids: NDArray[np.int64] = first + tile.index * room + index
+        ids: NDArray[np.int64] = first + tile.number * room + index
         return ids
 
     def edge_owner(self, edge_id: NDArray[np.int64]) -> NDArray[np.int64]:

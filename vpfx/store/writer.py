@@ -117,8 +117,8 @@ class StoreWriter:
                 digest.add(table)
             counts = np.array([len(nodes.node_id), len(part.edges[0]), len(part.faces[0])])
             limits = [x for low, n in zip((node, edge, face), counts.tolist(), strict=True) for x in _limits(low, n)]
-            number = tile.index * self._tiling.n_level + level + 1
-            self._tile_levels.append((number, tile.index + 1, level, *limits, digest.value()))
+            number = tile.number * self._tiling.n_level + level + 1
+            self._tile_levels.append((number, tile.number + 1, level, *limits, digest.value()))
             node, edge, face = node + int(counts[0]), edge + int(counts[1]), face + int(counts[2])
             self._counts[level] += counts
             self._open[level].append(part.open_sides)
@@ -176,19 +176,11 @@ class StoreWriter:
 
     def _summary(self, bounds: list[float | None]) -> list[LevelSummary]:
         nodes = np.cumsum(self._counts[:, 0])
-        return [
-            LevelSummary(
-                level,
-                bounds[level],
-                float(worst),
-                float(np.sqrt(squares / max(posts, 1))),
-                int(posts),
-                int(nodes[level]),
-                int(self._counts[level, 1]),
-                int(self._counts[level, 2]),
-            )  # fmt: skip
-            for level, (worst, squares, posts) in enumerate(self._errors)
-        ]
+        summary = []
+        for level, (worst, squares, posts) in enumerate(self._errors.tolist()):
+            counts = int(posts), int(nodes[level]), int(self._counts[level, 1]), int(self._counts[level, 2])
+            summary.append(LevelSummary(level, bounds[level], worst, (squares / max(posts, 1.0)) ** 0.5, *counts))
+        return summary
 
     def _write_contents(
         self, connection: sqlite3.Connection, summary: list[LevelSummary], metadata: Mapping[str, Any],
@@ -204,7 +196,7 @@ class StoreWriter:
         digests = [digest.value() for digest in self._border_digests]
         levels = [(*line, *limits, digest) for line, limits, digest in zip(summary, ranges, digests, strict=True)]
         connection.executemany(f"INSERT INTO level VALUES ({', '.join('?' * 11)})", levels)
-        tiles = [(tile.index + 1, tile.name, *self._extent(tile)) for tile in self._tiles()]
+        tiles = [(tile.number + 1, tile.name, *self._extent(tile)) for tile in self._tiles()]
         connection.executemany("INSERT INTO tile VALUES (?, ?, ?, ?, ?, ?)", tiles)
         boxes = [(number, xmin, xmax, ymin, ymax) for number, _, xmin, ymin, xmax, ymax in tiles]
         connection.executemany("INSERT INTO tile_index VALUES (?, ?, ?, ?, ?)", boxes)
