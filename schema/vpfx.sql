@@ -96,3 +96,15 @@ CREATE TABLE parent_child (                -- R-180: links between a level and t
 ) WITHOUT ROWID;
 
 CREATE INDEX parent_child_by_parent ON parent_child (parent_face, child_face);
+
+CREATE TABLE face_layer (                  -- R-211: always empty; gives the columns of the layers face_K their types
+  OGC_FID INTEGER,                         -- face
+  geom POLYGON,                            -- GeoPackage geometry, with z
+  face_id INTEGER,                         -- face
+  level INTEGER,                           -- level
+  tile_id INTEGER,                         -- tile
+  parent INTEGER,                          -- face of the coarser level that shares area with it; NULL on level 0
+  slope DOUBLE,                            -- degrees, 0 is level ground
+  aspect DOUBLE,                           -- degrees clockwise from grid north, of steepest descent; NULL: level ground
+  is_filled INTEGER                        -- 1: on ground without data
+);

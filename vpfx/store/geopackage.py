@@ -29,7 +29,7 @@ _ATTRIBUTE_TABLES = {
     "face": "faces of all levels",
     "source": "elevation files",
 }
-_OTHER_TABLES = ("metadata", "parent_child", "tile_index")
+_OTHER_TABLES = ("metadata", "parent_child", "tile_index", "face_layer")
 
 
 def find_srs(wkt: str) -> tuple[int, str, str, int, str]:
