@@ -140,6 +140,8 @@ def build(
                 writer.add(tile, hierarchy, patch.post_metres)
                 if progress:
                     progress(tile.number + 1, tiling.n_tile)
+            if reader.ground.area_m2 <= reader.ground.void_area_m2 and not fill:
+                raise InputError("dem: found no ground with data, expected at least three neighbouring valid posts")
             bounds = list(chosen["max_error"]) if chosen.get("max_error") is not None else [None] * tiling.n_level
             metadata = _metadata(dem, part, chosen, max_faces, tile_size, fill, seed, reader.ground)
             sources = [(s.name, s.sha256, s.n_byte, s.driver) for s in sorted(dem.sources, key=lambda s: s.name)]

@@ -24,7 +24,19 @@ from vpfx.store.summary import LevelSummary
 __all__ = ["Store", "open_store"]
 
 NONE_ID = -1  # stands for NULL in integer columns of arrays
-_CORE = ("metadata", "source", "level", "tile", "tile_index", "tile_level", "node", "edge", "face", "parent_child", "face_layer")
+_CORE = (
+    "metadata",
+    "source",
+    "level",
+    "tile",
+    "tile_index",
+    "tile_level",
+    "node",
+    "edge",
+    "face",
+    "parent_child",
+    "face_layer",
+)
 _RANGED = ("node", "edge", "face")
 
 

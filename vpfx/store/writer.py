@@ -6,6 +6,7 @@ happens before leaves the old file, or none (specs/format.md R-100).
 
 from __future__ import annotations
 
+import glob
 import json
 import os
 import sqlite3
@@ -22,7 +23,7 @@ from vpfx.store.ddl import schema_sql
 from vpfx.store.digest import Digest
 from vpfx.store.geopackage import APPLICATION_ID, USER_VERSION, register
 from vpfx.store.pages import PageWriter
-from vpfx.store.rows import FirstIds, NodeRows, OpenSides, Place, border_rows, tile_rows
+from vpfx.store.rows import FirstIds, LevelRows, NodeRows, OpenSides, Place, border_rows, tile_rows
 from vpfx.store.summary import LevelSummary
 from vpfx.store.tiles import Tile, Tiling
 
@@ -60,6 +61,7 @@ class StoreWriter:
         if self.path.exists() and not overwrite:
             raise StoreError(f"{self.path}: found an existing file; give another name or --overwrite")
         self._temporary = self.path.with_name(f".{self.path.name}.{os.getpid()}.tmp")
+        _remove_left_over(self.path)
         self._tiling, self._place, self._wkt = tiling, place, wkt
         self._next = FirstIds(tiling.n_border_node_id + 1, tiling.n_border_edge_id + 1, 1)
         self._open: list[list[OpenSides]] = [[] for _ in range(tiling.n_level)]
@@ -100,32 +102,35 @@ class StoreWriter:
         post_metres : tuple of float
             Width and height of a post spacing in the tile, metres.
         """
-        first = self._next
-        rows = tile_rows(hierarchy, tile, self._tiling, self._place, post_metres, first)
-        node, edge, face = first
-        for level, (nodes, part) in enumerate(zip(rows.nodes, rows.levels, strict=True)):
-            children, parents = part.links
-            by_parent = np.lexsort((children, parents))
-            node_table = nodes.table()
-            self._pages.append("node", node_table)
-            self._pages.append("edge", part.edges)
-            self._pages.append("face", part.faces)
-            self._pages.append("parent_child", part.links)
-            self._pages.append("parent_child_by_parent", (parents[by_parent], children[by_parent]))
-            digest = Digest()
-            for table in (node_table, part.edges, part.faces, part.links):
-                digest.add(table)
-            counts = np.array([len(nodes.node_id), len(part.edges[0]), len(part.faces[0])])
-            limits = [x for low, n in zip((node, edge, face), counts.tolist(), strict=True) for x in _limits(low, n)]
-            number = tile.number * self._tiling.n_level + level + 1
-            self._tile_levels.append((number, tile.number + 1, level, *limits, digest.value()))
-            node, edge, face = node + int(counts[0]), edge + int(counts[1]), face + int(counts[2])
-            self._counts[level] += counts
-            self._open[level].append(part.open_sides)
+        rows = tile_rows(hierarchy, tile, self._tiling, self._place, post_metres, self._next)
+        try:
+            for level, nodes in enumerate(rows.nodes):
+                self._add_level(tile, level, nodes, rows.levels[level])
+        except (OSError, sqlite3.Error) as error:
+            raise StoreError(f"{self.path}: cannot be written: {error}") from error
+        for level in range(hierarchy.n_level):
             self._errors[level, 0] = max(self._errors[level, 0], hierarchy.max_error[level])
             self._errors[level, 1:] += hierarchy.squared_error[level], hierarchy.n_post[level]
         self._shared.append(rows.shared_nodes)
         self._next = rows.next_ids
+
+    def _add_level(self, tile: Tile, level: int, nodes: NodeRows, part: LevelRows) -> None:
+        """Write the rows of one tile and level that do not hang on other tiles."""
+        children, parents = part.links
+        by_parent = np.lexsort((children, parents))
+        tables = {"node": nodes.table(), "edge": part.edges, "face": part.faces, "parent_child": part.links}
+        digest = Digest()
+        limits: list[int | None] = []
+        for name, table in tables.items():
+            self._pages.append(name, table)
+            digest.add(table)
+            if name != "parent_child":
+                limits += [int(table[0][0]), int(table[0][-1])] if len(table[0]) else [None, None]
+        self._pages.append("parent_child_by_parent", (parents[by_parent], children[by_parent]))
+        number = tile.number * self._tiling.n_level + level + 1
+        self._tile_levels.append((number, tile.number + 1, level, *limits, digest.value()))
+        self._counts[level] += len(nodes.node_id), len(part.edges[0]), len(part.faces[0])
+        self._open[level].append(part.open_sides)
 
     def finish(
         self, bounds: list[float | None], metadata: Mapping[str, Any], sources: list[tuple[str, str, int, str]]
@@ -238,6 +243,19 @@ class StoreWriter:
         self._discard()
 
 
-def _limits(first: int, count: int) -> tuple[int | None, int | None]:
-    """First and last of `count` running ids; None if there are none."""
-    return (first, first + count - 1) if count else (None, None)
+def _remove_left_over(path: Path) -> None:
+    """Remove unfinished files for the same store whose writers were killed."""
+    for file in path.parent.glob(f".{glob.escape(path.name)}.*.tmp"):
+        writer = file.name.split(".")[-2]
+        if writer.isdigit() and not _is_running(int(writer)):
+            file.unlink(missing_ok=True)
+
+
+def _is_running(process: int) -> bool:
+    try:
+        os.kill(process, 0)
+    except ProcessLookupError:
+        return False
+    except OSError:
+        return True
+    return True
