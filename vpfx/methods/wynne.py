@@ -30,9 +30,9 @@ from vpfx.topology import find_twins
 __all__ = ["METHOD", "build"]
 
 # Bounded mode (figures and reasons: specs/methods.md M-140)
-GUARD = 0.6  # an edge may break if it is at least this share of the longest edge of both its faces
+GUARD = 0.62  # an edge may break if it is at least this share of the longest edge of both its faces
 MIDDLE = 0.35  # a break keeps this share of the edge from both its ends
-BAND = ScanRule(band=0.45, end_share=0.15, inner_share=0.28, inner_away=0.0)
+BAND = ScanRule(band=0.45, end_share=0.15, inner_share=0.3, inner_away=0.0)
 BOUND_SLACK = 1e-6  # the builder works to the bound less this share, so that rounding never shows a post over it
 MOST_PASSES = 1000  # a level takes 10 to 40; more is a bug
 
@@ -48,7 +48,7 @@ DEFAULTS: dict[str, Any] = {
     "start": "grid",
     "start_posts": 200,
 }
-SQUARE = 64  # posts to a side of a start square in bounded mode
+SQUARE = 72  # posts to a side of a start square in bounded mode
 
 
 class _Mesh:

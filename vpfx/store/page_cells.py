@@ -25,8 +25,11 @@ INNER_INDEX, INNER_TABLE, LEAF_INDEX, LEAF_TABLE = 2, 5, 10, 13
 STREAM, SEAL, LAST = range(3)
 """What follows the cells given to `lay_pages`: unknown, another leaf, nothing."""
 
+helper = njit(no_cpython_wrapper=True, no_cfunc_wrapper=True)
+"""Decorates what only kernels call: without a door to Python it compiles sooner."""
 
-@njit(nogil=True, cache=True)
+
+@helper
 def varint_end(cells, at):  # type: ignore[no-untyped-def]
     """Return the end of the variable-length integer at a byte; the ninth byte is the last, whatever it holds."""
     last = at + 8
@@ -35,7 +38,7 @@ def varint_end(cells, at):  # type: ignore[no-untyped-def]
     return at + 1
 
 
-@njit(nogil=True, cache=True)
+@helper
 def cell_end(kind, cells, at):  # type: ignore[no-untyped-def]
     """Return the end of the cell at a byte, by the kind of page it is for."""
     start = at
@@ -62,7 +65,7 @@ def cells_end(kind, cells, n_cell):  # type: ignore[no-untyped-def]
     return at
 
 
-@njit(nogil=True, cache=True)
+@helper
 def put_number(page, at, number):  # type: ignore[no-untyped-def]
     """Write the number of a page, four bytes, and return their end."""
     for b in range(4):
@@ -70,7 +73,7 @@ def put_number(page, at, number):  # type: ignore[no-untyped-def]
     return at + 4
 
 
-@njit(nogil=True, cache=True)
+@helper
 def put_page(kind, cells, starts, n_cell, stop, right_child, page):  # type: ignore[no-untyped-def]
     """Write one page: header, pointers to the cells, zeros, and the cells as they stand in the stream.
 

@@ -29,8 +29,9 @@ class PageWriter:
     """Appends rows to the empty tables and indexes of a new SQLite file, page by page.
 
     Only B-trees are written: the rows of an index must be appended to it like those of a table, and constraints
-    (NOT NULL, UNIQUE of an index, CHECK, foreign keys), triggers and AUTOINCREMENT are the caller's care. Nobody else
-    may have the file open, and one thread at a time may use the writer; its kernels release the GIL.
+    (NOT NULL, UNIQUE of an index, CHECK, foreign keys, the types of STRICT tables), triggers and AUTOINCREMENT are the
+    caller's care. Nobody else may have the file open, and one thread at a time may use the writer; its kernels release
+    the GIL.
 
     As a context manager it closes the file when the block ends. After an error in the block SQLite finds the tables
     empty as before, and pages behind the end that the next writer of the file overwrites. After an error in `append`
@@ -67,12 +68,12 @@ class PageWriter:
                 names = ("page_size", "page_count", "auto_vacuum", "encoding", "journal_mode")
                 facts = {name: connection.execute(f"PRAGMA {name}").fetchone()[0] for name in names}
                 self._shapes = read_shapes(connection)
-            self._file = PageFile(path, facts["page_size"], facts["page_count"])
             self._spool = Spool(path.parent, 2 * facts["page_size"])
+            self._file = PageFile(path, facts["page_size"], facts["page_count"])
+            facts["reserved bytes"] = self._file.read(1)[20]
         except (OSError, sqlite3.Error) as error:
             raise StoreError(f"{path}: cannot be opened: {error}") from error
         expected = {"auto_vacuum": 0, "encoding": "UTF-8", "journal_mode": "delete", "reserved bytes": 0}
-        facts["reserved bytes"] = self._file.read(1)[20]
         for name, value in expected.items():
             if facts[name] != value:
                 self._release()

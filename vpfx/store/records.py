@@ -29,6 +29,9 @@ BLOCK_BYTES = 1 << 19
 INT48 = 1 << 47
 """Integers below this have at most 6 bytes; larger integral floats are kept as floats, which costs no more."""
 
+helper = njit(no_cpython_wrapper=True, no_cfunc_wrapper=True)
+"""Decorates what only kernels call: without a door to Python it compiles sooner."""
+
 
 class RowBlock:
     """Room for a block of rows of one tree, and their cells; made once, filled again and again.
@@ -135,7 +138,7 @@ def find_disorder(n_row, n_key, layout, values, reals, blobs):  # type: ignore[n
     return -1
 
 
-@njit(nogil=True, cache=True)
+@helper
 def put_varint(cells, at, rest):  # type: ignore[no-untyped-def]
     """Write a variable-length integer (§1.6), uint64, and return its end; a negative one takes nine bytes."""
     if rest < 128:
@@ -179,7 +182,7 @@ def put_codes(n_row, layout, values, reals, codes):  # type: ignore[no-untyped-d
                         codes[c, i] = int_code(whole)
 
 
-@njit(nogil=True, cache=True)
+@helper
 def int_code(value):  # type: ignore[no-untyped-def]
     """Return the serial type of the shortest form of an integer (§2.1)."""
     size = value ^ (value >> 63)
