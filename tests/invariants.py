@@ -1,7 +1,7 @@
 """The judge of everything that vpfx builds: exact where it matters, and sharing no code with the builder.
 
 ``python tests/invariants.py STORE DEM...`` judges a store against the elevation files it was built from: one line per
-level on stdout, the first defect on stderr, exit status 0 or 1.
+level on stdout, the first defect on stderr, exit status 0 or 1 (2: usage, 3: a file cannot be read).
 
 The parts: `invariants_mesh` (one level as a mesh, links), `invariants_ground` (a level against the posts),
 `invariants_store` (tables and winged edges).
@@ -11,11 +11,13 @@ from __future__ import annotations
 
 import itertools
 import math
+import sqlite3
 import sys
 from collections.abc import Iterator
 from typing import Any, NamedTuple
 
 import numpy as np
+import rasterio.errors
 from invariants_ground import Measured, Posts, find_ground, judge_bound, judge_cover
 from invariants_mesh import (
     PLAIN,
@@ -241,6 +243,9 @@ def main(arguments: list[str]) -> int:
     except AssertionError as defect:
         print(defect, file=sys.stderr)
         return 1
+    except (OSError, sqlite3.Error, rasterio.errors.RasterioError) as failure:
+        print(f"cannot judge: {failure}", file=sys.stderr)
+        return 3
     return 0
 
 

@@ -148,7 +148,7 @@ def judge_cover(nodes: Any, face_nodes: Any, posts: Any, ground: Ground, *, labe
         ),
     )
     order = np.lexsort((low, run))
-    _judge_runs(ground, run[order], low[order], high[order], reach, label)
+    judge_runs(ground, run[order], low[order], high[order], reach, label)
     area, expected = total_area(xy, faces), ground.n_triangle * posts.dx * posts.dy / 2
     allowed = tolerance * border_length(xy, faces, half) + 4 * UNIT * expected
     label.accuse(abs(area - expected) > allowed, lambda _: f"faces cover {area!r}, the ground is {expected!r}")
@@ -178,7 +178,7 @@ def _on_lines(start: Any, end: Any, slack: Any) -> tuple[Any, Any, Any]:
     return key, low, high
 
 
-def _judge_runs(ground: Ground, run: Any, low: Any, high: Any, reach: float, label: Label) -> None:
+def judge_runs(ground: Ground, run: Any, low: Any, high: Any, reach: float, label: Label) -> None:
     """Sides sorted along each run begin at its beginning, continue each other and end at its end."""
 
     def name(i: int) -> str:

@@ -31,7 +31,13 @@ ANGLE = 64 * UNIT
 differences and two ulps of π for the arc tangent, nine half-ulps of 2, and two are compared."""
 
 REGISTRATION = 1e-6
-"""Part of a spacing by which two accounts of one lattice may differ: files give it in some ten decimal digits."""
+"""Part of a spacing by which the origin of a lattice may differ between two accounts of it: 0.03 mm at one arc-second."""
+
+PRINTED = 1e-9
+"""Part of itself by which a spacing may differ between two accounts of it: files print some ten digits."""
+
+MOSAIC = 1e-3
+"""Part of a spacing by which the posts of files of one lattice may lie apart: far less than a lattice of their own."""
 
 METRES = {"ft": 0.3048, "foot": 0.3048, "feet": 0.3048, "us-ft": 1200 / 3937, "us survey foot": 1200 / 3937}
 """Metres per unit of height; any other unit is taken for the metre."""
@@ -83,7 +89,7 @@ def read_posts(*paths: Any) -> Posts:
         offset = np.array([(part.y0 - y0) / dy, (part.x0 - x0) / dx])
         ends = offset + (np.array(part.heights.shape) - 1) * (part.dy / dy, part.dx / dx)
         wrong = max(np.abs(offset - np.rint(offset)).max(), np.abs(ends - np.rint(ends)).max())
-        require(wrong <= REGISTRATION, f"{path}: its posts are {wrong:.3g} spacings off the lattice of {paths[0]}")
+        require(wrong <= MOSAIC, f"{path}: its posts are {wrong:.3g} spacings off the lattice of {paths[0]}")
         corners.append(np.rint(offset).astype(int))
     shape = np.max([corner + part.heights.shape for corner, part in zip(corners, parts, strict=True)], axis=0)
     heights = np.full(shape, np.nan)
@@ -96,14 +102,15 @@ def read_posts(*paths: Any) -> Posts:
 def register(posts: Any, tiles: Any) -> Posts:
     """Take the lattice from the tile borders if they lie on posts, but not to the last ulp.
 
-    A builder may read 0.000833333333333 as 1/1200. That is no defect of its mesh; a shift beyond `REGISTRATION` is.
+    A builder may read 0.000833333333333 as 1/1200. That is no defect of its mesh; a greater shift is.
     """
     origin, spacing = [posts.x0, posts.y0], [posts.dx, posts.dy]
     for axis in range(2):
         borders = tiles[:, [axis, axis + 2]]
         number = np.rint((borders - origin[axis]) / spacing[axis])
         off = np.abs(borders - (origin[axis] + number * spacing[axis])).max()
-        if coordinate_tolerance(tiles) / 2 < off <= REGISTRATION * spacing[axis] and number.max() > number.min():
+        reach = (REGISTRATION + PRINTED * number.max()) * spacing[axis]
+        if coordinate_tolerance(tiles) / 2 < off <= reach and number.max() > number.min():
             spacing[axis] = (borders.max() - borders.min()) / (number.max() - number.min())
             origin[axis] = borders.min() - number.min() * spacing[axis]
     return Posts(posts.heights, origin[0], origin[1], spacing[0], spacing[1])
@@ -235,23 +242,27 @@ def read_level(tables: Tables, level: int) -> Level:
                 f"level {level}: {table} {rows[i, 0]}: {label.node(node)} is of level {tables.node_level[node]}"
             )
         _judge_extent(tables, table, rows[:, 0], rows[:, 1], tables.nodes[corners, :2])
-    is_filled = np.zeros(len(faces), bool)
-    if "is_filled" in [row[1] for row in tables.connection.execute("PRAGMA table_info(face)")]:
-        values = tables.connection.execute(f"SELECT is_filled FROM face WHERE {where} ORDER BY face_id").fetchall()
-        for i in (i for i, (value,) in enumerate(values) if value not in (0, 1)):
-            raise AssertionError(f"level {level}: {label.face(i)}: is_filled is {values[i][0]!r}")
-        is_filled = np.array(values, bool)[:, 0]
     return Level(
         label,
         tables.nodes[:n_node],
         faces,
         lookup("edge", face_rows, 6, 3),
-        is_filled,
+        _read_flags(tables.connection, label),
         edge_ids,
         ends,
         lookup("face", edge_rows, 5, 2)[:, ::-1],
         lookup("edge", edge_rows, 7, 2)[:, ::-1],
     )
+
+
+def _read_flags(connection: Any, label: Label) -> Any:
+    """Read `is_filled` of the faces of one level; false where the store has no such column."""
+    if "is_filled" not in [row[1] for row in connection.execute("PRAGMA table_info(face)")]:
+        return np.zeros(len(label.face_ids), bool)
+    sql = f"SELECT is_filled FROM face WHERE level = {label.level} ORDER BY face_id"
+    values = [value for (value,) in connection.execute(sql)]
+    label.accuse([v not in (0, 1) for v in values], lambda i: f"{label.face(i)}: is_filled is {values[i]!r}")
+    return np.array(values, bool)
 
 
 def judge_edges(level: Level) -> None:
@@ -264,8 +275,12 @@ def judge_edges(level: Level) -> None:
     def name(i: int) -> str:
         return f"edge {level.edge_ids[i]} ({label.node(start[i])} → {label.node(end[i])})"
 
-    def say(kind: str, i: int) -> str:
-        return "NULL" if i < 0 else label.face(i) if kind == "face" else f"edge {level.edge_ids[i]}"
+    def compare(column: str, found: Any, expected: Any, say: Any) -> None:
+        def text(i: int) -> str:
+            there, here = ("NULL" if index < 0 else say(index) for index in (found[i], expected[i]))
+            return f"{name(i)}: {column} is {there}, expected {here}"
+
+        label.accuse(found != expected, text)
 
     key = np.minimum(start, end) * n_node + np.maximum(start, end)
     order = np.argsort(key, kind="stable")
@@ -274,38 +289,22 @@ def judge_edges(level: Level) -> None:
     first, second = level.faces.ravel(), np.roll(level.faces, -1, axis=1).ravel()
     side = first * n_node + second
     by_side = np.argsort(side)
-    for column, one, other in ((0, start, end), (1, end, start)):
-        wanted = one * n_node + other
-        at = np.minimum(np.searchsorted(side[by_side], wanted), len(side) - 1)
-        expected = np.where(side[by_side[at]] == wanted, by_side[at] // 3, -1)
-        found = level.sides[:, column]
-        label.accuse(
-            found != expected,
-            lambda i, column=column, found=found, expected=expected: (
-                f"{name(i)}: {('left_face', 'right_face')[column]} is {say('face', found[i])}, "
-                f"expected {say('face', expected[i])}"
-            ),
-        )
+    for i, column, wanted in ((0, "left_face", start * n_node + end), (1, "right_face", end * n_node + start)):
+        at = by_side[np.minimum(np.searchsorted(side[by_side], wanted), len(side) - 1)]
+        compare(column, level.sides[:, i], np.where(side[at] == wanted, at // 3, -1), label.face)
     label.accuse((level.sides < 0).all(axis=1), lambda i: f"{name(i)}: no face uses it")
     edge = level.face_edges.ravel()
-    joined = key[edge] == np.minimum(first, second) * n_node + np.maximum(first, second)
+    is_wrong = key[edge] != np.minimum(first, second) * n_node + np.maximum(first, second)
     label.accuse(
-        ~joined,
+        is_wrong,
         lambda h: (
             f"{label.face(h // 3)}: edge_{h % 3 + 1} is {name(edge[h])}, expected one that joins "
             f"{label.node(first[h])} and {label.node(second[h])}"
         ),
     )
-    following = next_around(level.nodes[:, :2], start, end) % len(start)
-    for column, expected in enumerate((following[: len(start)], following[len(start) :])):
-        found = level.wings[:, column]
-        label.accuse(
-            found != expected,
-            lambda i, column=column, found=found, expected=expected: (
-                f"{name(i)}: {('left_edge', 'right_edge')[column]} is {say('edge', found[i])}, "
-                f"expected {say('edge', expected[i])}"
-            ),
-        )
+    following = next_around(level.nodes[:, :2], start, end).reshape(2, -1) % len(start)
+    for i, column in enumerate(("left_edge", "right_edge")):
+        compare(column, level.wings[:, i], following[i], lambda e: f"edge {level.edge_ids[e]}")
 
 
 def next_around(xy: Any, start: Any, end: Any) -> Any:

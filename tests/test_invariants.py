@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import math
 from fractions import Fraction
 from types import SimpleNamespace
@@ -11,7 +12,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from invariants_ground import find_ground
+from invariants_ground import find_ground, judge_cover, judge_runs
 from invariants_store import next_around
 
 LATTICE = {"x0": -114.1, "y0": 32.3, "dx": 1 / 3600, "dy": 1 / 1200}  # no float holds these exactly
@@ -207,6 +208,49 @@ def test_voids():
     invariants.judge_tin(nodes, FINE, expected_area=8.0 / 3600 / 1200)
 
 
+def test_runs_that_are_covered_in_part():
+    """The sides along a run of the outline begin and end with it, and each begins where the last ended."""
+    ground = find_ground(HEIGHTS)  # its first run is the northern border, four posts long
+    for low, high, message in (
+        ((0, 2, 3), (2, 3, 4), None),
+        ((1, 2), (2, 4), "on row 2 from 0 to 4: a gap or two edges at 1"),
+        ((0, 2), (1, 4), "on row 2 from 0 to 4: a gap or two edges at 2"),
+        ((0, 0), (4, 4), "on row 2 from 0 to 4: a gap or two edges at 0"),
+        ((0, 2), (2, 3), "on row 2 from 0 to 4: edges end at 3"),
+    ):
+        others = [(0, 4), (0, 2), (0, 2)]
+        run = np.array([0] * len(low) + [1, 2, 3])
+        sides = np.array([*low, *(o[0] for o in others)]), np.array([*high, *(o[1] for o in others)])
+        with pytest.raises(AssertionError, match=message) if message else contextlib.nullcontext():
+            judge_runs(ground, run, *sides, 1e-9, invariants.Label())
+
+
+def test_further_witnesses():
+    """Area and Euler characteristic are compared even where the outline is right; nothing and too much are refused."""
+    (hierarchy, posts), ground = example(), find_ground(HEIGHTS)
+    nodes = hierarchy.nodes
+    for wrong, message in (
+        ({"euler": 0}, "V - E \\+ F is 1, that of"),
+        ({"n_triangle": 15}, "faces cover .*, the ground is"),
+    ):
+        with pytest.raises(AssertionError, match=message):
+            judge_cover(nodes, FINE, posts, ground._replace(**wrong))
+    void = posts._replace(heights=np.full(HEIGHTS.shape, math.nan))
+    with pytest.raises(AssertionError, match=r"faces, but no ground with data"):
+        invariants.judge_tin(nodes, FINE, posts=void)
+    with pytest.raises(AssertionError, match="no ground with data"):
+        invariants.judge_bound(nodes, FINE, np.zeros(6, bool), void)
+    with pytest.raises(AssertionError, match="face 1: not counter-clockwise"):
+        invariants.judge_bound(nodes, [FINE[0], FINE[1][::-1]], np.zeros(2, bool), posts)
+    with pytest.raises(AssertionError, match="level 0: no faces"):
+        invariants.judge_tin(nodes, FINE[:0])
+    with pytest.raises(AssertionError, match="a lattice too large"):
+        find_ground(np.broadcast_to(0.0, (1 << 22, 2)))
+    measured = invariants.judge_bound(nodes, FINE, np.zeros(6, bool), posts)
+    with pytest.raises(AssertionError, match=r"level 0: max_error is 3.5, its bound 3.4"):
+        invariants.judge_figures(measured, 3.4, 3.5, measured.rmse, invariants.Label())
+
+
 def test_children_that_leave_a_gap():
     """Corners inside are not enough: one half only is a gap, and so is a part a billionth narrower than the whole."""
     nodes = np.array([(0, 0, 0), (8, 0, 0), (0, 8, 0), (4, 4, 0), (4 - 1e-9, 4, 0), (4, 4 - 1e-9, 0)], float)
@@ -267,7 +311,7 @@ def ground(draw):
     return posts, random.random(heights.shape) < 0.5, random
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=40, deadline=None)
 @given(ground())
 def test_any_ground(case):
     """A mesh of the ground passes, and so do its quarters; not so with one corner changed or one face gone."""

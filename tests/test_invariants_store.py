@@ -100,8 +100,8 @@ STORE_MUTATIONS = {
     "UPDATE edge SET end_node = 199 WHERE edge_id = 1000": "edge 1000: end_node 199 of this level does not exist",
     "UPDATE edge SET end_node = 107 WHERE edge_id = 1000": "edge 1000: node 107 is of level 1",
     "UPDATE edge SET edge_id = 2001 WHERE edge_id = 2000": "edge 2001: its id is not unique",
-    "UPDATE edge SET (end_node, start_node) = (SELECT start_node, end_node FROM edge WHERE edge_id = 2000) "
-    "WHERE edge_id = 2001": "edge 2000 .* and edge 2001 .* join the same nodes",
+    "UPDATE edge SET tile_id = 1, (end_node, start_node) = (SELECT start_node, end_node FROM edge "
+    "WHERE edge_id = 2000) WHERE edge_id = 2001": "edge 2000 .* and edge 2001 .* join the same nodes",
     "UPDATE edge SET level = 7 WHERE edge_id = 2003": "edge 2003: its level does not exist",
     "UPDATE edge SET tile_id = 2 WHERE start_node IN (101, 104)": "edge .*: not within the extent of its tile 2",
     "DELETE FROM edge WHERE edge_id = 2003": "face .*: edge_. 2003 of this level does not exist",
@@ -133,6 +133,11 @@ STORE_MUTATIONS = {
     "UPDATE parent_child SET child_face = 99 WHERE child_face = 25": "child_face 99 does not exist",
     "DELETE FROM parent_child WHERE child_face = 25": "level 1: face 25: 0 parents, expected one",
     "ALTER TABLE edge RENAME COLUMN left_edge TO next_edge": "table edge: found columns .*, missing .*left_edge",
+    "UPDATE edge SET start_node = 104, end_node = 105, left_face = NULL, right_face = NULL WHERE edge_id = 2000": (
+        "level 1: edge 2000 .*: no face uses it"
+    ),
+    "UPDATE level SET edge_count = 13 WHERE level = 1; "
+    "INSERT INTO edge VALUES (2999, 1, 1, 104, 105, NULL, NULL, 2000, 2000)": "found 13 edges, the faces have 12",
     "DROP TABLE parent_child": "table parent_child: found columns .*missing",
 }
 
@@ -141,7 +146,8 @@ STORE_MUTATIONS = {
 def test_broken_store_is_found(sql, tmp_path):
     posts = write_store(tmp_path / "a store.gpkg")
     with sqlite3.connect(tmp_path / "a store.gpkg") as store:
-        assert store.execute(sql).rowcount, "a mutation that changes nothing"
+        for statement in sql.split(";"):
+            assert store.execute(statement).rowcount, "a mutation that changes nothing"
     with pytest.raises(AssertionError, match=STORE_MUTATIONS[sql]):
         invariants.judge_store(tmp_path / "a store.gpkg", grid=posts)
 
@@ -170,6 +176,20 @@ def test_command_line_and_mosaic(tmp_path, capsys):
     assert invariants.main([str(tmp_path / "s.gpkg"), dems[0]]) == 1
     assert capsys.readouterr().err.startswith("level 0: ")
     assert invariants.main([]) == 2
+    assert invariants.main([str(tmp_path / "none.gpkg")]) == 3
+    assert invariants.main([str(tmp_path / "s.gpkg"), str(tmp_path / "none.tif")]) == 3
+
+
+def test_files_on_no_lattice(tmp_path):
+    posts = grid_of(np.ones((3, 4)))
+    write_dem(tmp_path / "a.tif", posts)
+    write_dem(tmp_path / "b.tif", posts._replace(x0=posts.x0 + posts.dx / 3))
+    with pytest.raises(AssertionError, match=r"b.tif: its posts are 0.333 spacings off the lattice of .*a.tif"):
+        invariants.read_posts(tmp_path / "a.tif", tmp_path / "b.tif")
+    with rasterio.open(tmp_path / "b.tif", "r+") as dataset:
+        dataset.transform = dataset.transform @ rasterio.Affine.rotation(3)
+    with pytest.raises(AssertionError, match=r"b.tif: found transform .*, expected north up"):
+        invariants.read_posts(tmp_path / "b.tif")
 
 
 def test_lattice_is_taken_from_tiles_within_reason():
