@@ -123,7 +123,8 @@ def _nearest_side(face, nodes, face_nodes, col, row, aspect, state):
 @njit(nogil=True, cache=True)
 def _wish(face, nodes, face_nodes, side_twin, n_col, bound, aspect, guard, length, state, found):
     """Side to break for a face with an offending post that is near no side and not in the middle: nearest or longest."""
-    row, col = found.face_post[face] // n_col, found.face_post[face] % n_col
+    side_error, side_along, side_post, face_error, face_post, _ = found
+    row, col = face_post[face] // n_col, face_post[face] % n_col
     side = _nearest_side(face, nodes, face_nodes, col, row, aspect, state)
     if side == NONE:
         return NONE
@@ -131,12 +132,12 @@ def _wish(face, nodes, face_nodes, side_twin, n_col, bound, aspect, guard, lengt
     is_free = _is_guarded(side, length, state, guard) and (twin == NONE or _is_guarded(twin, length, state, guard))
     if not is_free:
         return _longest(face, length, state)
-    if found.side_error[side] <= bound and (twin == NONE or found.side_error[twin] <= bound):
+    if side_error[side] <= bound and (twin == NONE or side_error[twin] <= bound):
         a, b = face_nodes[face, side % 3], face_nodes[face, (side % 3 + 1) % 3]
         east, north = (nodes[b, 0] - nodes[a, 0]) * aspect, nodes[b, 1] - nodes[a, 1]
-        found.side_along[side] = ((col - nodes[a, 0]) * aspect * east + (row - nodes[a, 1]) * north) / length[side]
-        found.side_error[side] = found.face_error[face]
-        found.side_post[side] = found.face_post[face]
+        side_along[side] = ((col - nodes[a, 0]) * aspect * east + (row - nodes[a, 1]) * north) / length[side]
+        side_error[side] = face_error[face]
+        side_post[side] = face_post[face]
     return side
 
 
@@ -164,19 +165,20 @@ def choose_breaks(nodes, face_nodes, side_twin, n_col, bound, aspect, guard, len
     -----
     Source: design.md §5 ("band"); specs/methods.md M-140. Each replacement is longer by 1 / guard, so the chain ends.
     """
+    side_error, _, _, face_error, _, inner_post = found
     n_face = len(face_nodes)
     stack = np.empty(9 * n_face + 3, np.int64)
     top = 0
     for face in range(n_face):
-        if found.face_error[face] <= bound:
+        if face_error[face] <= bound:
             continue
         has_side = False
         for side in range(3 * face, 3 * face + 3):
-            if found.side_error[side] > bound and state[side] == OPEN:
+            if side_error[side] > bound and state[side] == OPEN:
                 stack[top] = side
                 top += 1
                 has_side = True
-        if not has_side and found.inner_post[face] == NONE:
+        if not has_side and inner_post[face] == NONE:
             side = _wish(face, nodes, face_nodes, side_twin, n_col, bound, aspect, guard, length, state, found)
             if side != NONE:
                 stack[top] = side
@@ -216,6 +218,7 @@ def place_nodes(
     int
         Number of new nodes.
     """
+    side_error, side_along, side_post, face_error, _, inner_post = found
     n_col = heights.shape[1]
     for side in range(3 * len(face_nodes)):
         if state[side] != BROKEN or side_node[side] != NONE:
@@ -223,13 +226,13 @@ def place_nodes(
         twin = side_twin[side]
         best = side
         if twin != NONE:
-            better = found.side_error[twin] > found.side_error[side]
-            tied = found.side_error[twin] == found.side_error[side] and found.side_post[twin] < found.side_post[side]
+            better = side_error[twin] > side_error[side]
+            tied = side_error[twin] == side_error[side] and side_post[twin] < side_post[side]
             best = twin if better or tied else side
         start, end = face_nodes[best // 3, best % 3], face_nodes[best // 3, (best % 3 + 1) % 3]
         along = 0.5
-        if found.side_error[best] > bound:
-            along = min(max(found.side_along[best], middle), 1.0 - middle)
+        if side_error[best] > bound:
+            along = min(max(side_along[best], middle), 1.0 - middle)
         u = nodes[start, 0] + along * (nodes[end, 0] - nodes[start, 0])
         v = nodes[start, 1] + along * (nodes[end, 1] - nodes[start, 1])
         new_nodes[count, 0], new_nodes[count, 1], new_nodes[count, 2] = u, v, surface_height(heights, u, v)
@@ -241,8 +244,8 @@ def place_nodes(
         is_cut = False
         for side in range(3 * face, 3 * face + 3):
             is_cut = is_cut or side_node[side] != NONE
-        post = found.inner_post[face]
-        if not is_cut and found.face_error[face] > bound and post != NONE:
+        post = inner_post[face]
+        if not is_cut and face_error[face] > bound and post != NONE:
             row, col = post // n_col, post % n_col
             new_nodes[count, 0], new_nodes[count, 1], new_nodes[count, 2] = col, row, heights[row, col]
             face_node[face] = len(nodes) + count
@@ -348,6 +351,7 @@ def find_significant(nodes, face_nodes, side_twin, heights, aspect, tolerance, a
     state, found
         Changed in place as by `choose_breaks`.
     """
+    side_error, side_along, _, _, _, _ = found
     for side in range(3 * len(face_nodes)):
         twin = side_twin[side]
         if state[side] != OPEN or (twin != NONE and twin < side):
@@ -361,7 +365,7 @@ def find_significant(nodes, face_nodes, side_twin, heights, aspect, tolerance, a
         at = _most_significant(heights, nodes[start], nodes[end], tolerance, max(share, away / length))
         if not np.isnan(at):
             state[side] = BROKEN
-            found.side_error[side] = np.inf
-            found.side_along[side] = at if is_forward else 1.0 - at
+            side_error[side] = np.inf
+            side_along[side] = at if is_forward else 1.0 - at
             if twin != NONE:
-                found.side_error[twin] = 0.0
+                side_error[twin] = 0.0

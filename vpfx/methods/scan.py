@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
-__all__ = ["Candidates", "ScanRule", "candidates", "scan_faces", "surface_height"]
+__all__ = ["Candidates", "ScanRule", "candidates", "measure", "scan_faces", "surface_height"]
 
 NONE = -1
 # A post this near a face's edge counts as inside, in posts: no post may fall between two faces by rounding.
@@ -120,7 +120,7 @@ def _columns(ax, ay, bx, by, cx, cy, row, n_col):
 
 
 @njit(nogil=True, cache=True, inline="always")
-def _measure_sides(corner, area, aspect, rule, steps):
+def _measure_sides(corner, area, aspect, band, inner_share, inner_away, steps):
     """Fill steps (3, 6) with what decides whether a post at (col, row) counts for side i.
 
     cross = steps[i, 0] + steps[i, 1] * col + steps[i, 2] * row is twice the area between side and post, so its distance
@@ -134,8 +134,8 @@ def _measure_sides(corner, area, aspect, rule, steps):
         width = np.sqrt(square) / aspect
         steps[i, 0] = north * corner[i, 0] - east * corner[i, 1]
         steps[i, 1], steps[i, 2] = -north, east
-        steps[i, 3] = rule.band * width
-        steps[i, 4] = max(rule.inner_share * area, rule.inner_away * width)
+        steps[i, 3] = band * width
+        steps[i, 4] = max(inner_share * area, inner_away * width)
         steps[i, 5] = square
 
 
@@ -156,19 +156,19 @@ def scan_faces(nodes, face_nodes, heights, residual, bound, aspect, rule, found)
         Errors up to this are none, metres.
     aspect : float
         Width of a post spacing divided by its height.
-    rule : ScanRule
-        Which posts count for an edge and which for the middle of a face.
-    found : Candidates
-        Changed in place.
+    rule : tuple
+        A `ScanRule`: which posts count for an edge and which for the middle of a face.
+    found : tuple
+        `Candidates`, changed in place. Both as plain tuples: numba takes longer to open named ones than most calls run.
 
     Notes
     -----
     Cost: O(posts of the faces looked at).
     """
     n_row, n_col = heights.shape
-    side_error, side_along, side_post = found.side_error, found.side_along, found.side_post
-    face_error, face_post, inner_post = found.face_error, found.face_post, found.inner_post
-    corner, steps, least = np.empty((3, 3)), np.empty((3, 6)), rule.end_share
+    side_error, side_along, side_post, face_error, face_post, inner_post = found
+    band, least, inner_share, inner_away = rule
+    corner, steps = np.empty((3, 3)), np.empty((3, 6))
     for face in range(len(face_nodes)):
         if face_error[face] <= bound:
             continue
@@ -181,7 +181,7 @@ def scan_faces(nodes, face_nodes, heights, residual, bound, aspect, rule, found)
         area = (bx - ax) * (cy - ay) - (cx - ax) * (by - ay)
         gradient = (rise_b * (cy - ay) - rise_c * (by - ay)) / area
         north = (rise_c * (bx - ax) - rise_b * (cx - ax)) / area
-        _measure_sides(corner, area, aspect, rule, steps)
+        _measure_sides(corner, area, aspect, band, inner_share, inner_away, steps)
         worst, worst_post, inner, inner_at = 0.0, NONE, bound, NONE
         south = max(0, int(np.ceil(min(ay, by, cy) - EDGE_SLACK)))
         top = min(n_row - 1, int(np.floor(max(ay, by, cy) + EDGE_SLACK)))
@@ -207,3 +207,17 @@ def scan_faces(nodes, face_nodes, heights, residual, bound, aspect, rule, found)
                     if is_inner and error > inner:
                         inner, inner_at = error, row * n_col + col
         face_error[face], face_post[face], inner_post[face] = worst, worst_post, inner_at
+
+
+@njit(nogil=True, cache=True)
+def measure(residual, is_owned):
+    """Greatest error, sum of squared errors and number of the posts that are owned, in row order."""
+    worst, squares, count = 0.0, 0.0, 0
+    n_row, n_col = residual.shape
+    for row in range(n_row):
+        for col in range(n_col):
+            if is_owned[row, col]:
+                worst = max(worst, residual[row, col])
+                squares += residual[row, col] ** 2
+                count += 1
+    return worst, squares, count

@@ -22,7 +22,7 @@ from vpfx.methods import breaks
 from vpfx.methods.base import Method, Patch
 from vpfx.methods.borders import LevelRule
 from vpfx.methods.cut import cut_faces
-from vpfx.methods.scan import ScanRule, candidates, scan_faces
+from vpfx.methods.scan import Candidates, ScanRule, candidates, measure, scan_faces
 from vpfx.methods.start import start_mesh
 from vpfx.model import Hierarchy
 from vpfx.topology import find_twins
@@ -74,12 +74,13 @@ class _Mesh:
         """Ranks below which posts of the four borders are nodes at a level, -1 for borders that are not fixed."""
         return np.array([b.limit[level] if b.is_fixed else -1 for b in self.patch.borders], np.int64)
 
-    def scan(self, bound: float, rule: ScanRule) -> Any:
+    def scan(self, bound: float, rule: ScanRule) -> Candidates:
         """Compare the faces not known to hold the bound with their posts."""
         found = candidates(self.face_error)
         scan_faces(
-            self.nodes, self.face_nodes, self.patch.heights, self.residual, bound, self.patch.aspect, rule, found
-        )
+            self.nodes, self.face_nodes, self.patch.heights, self.residual, bound, self.patch.aspect, tuple(rule),
+            tuple(found),
+        )  # fmt: skip
         return found
 
     def state(self, level: int) -> tuple[Any, Any, Any, int]:
@@ -93,7 +94,7 @@ class _Mesh:
         )  # fmt: skip
         return state, side_node, new_nodes, count
 
-    def cut(self, pending: Any, found: Any, bound: float, middle: float, diagonal: str) -> bool:
+    def cut(self, pending: Any, found: Candidates, bound: float, middle: float, diagonal: str) -> bool:
         """Place the chosen breaks and cut; tell whether anything was cut."""
         state, side_node, new_nodes, count = pending
         patch = self.patch
@@ -102,7 +103,7 @@ class _Mesh:
         room = np.empty((most, 3))
         room[:count] = new_nodes[:count]
         count = breaks.place_nodes(
-            self.nodes, self.face_nodes, self.side_twin, patch.heights, bound, middle, state, found, side_node,
+            self.nodes, self.face_nodes, self.side_twin, patch.heights, bound, middle, state, tuple(found), side_node,
             face_node, room, count,
         )  # fmt: skip
         if count == 0:
@@ -130,7 +131,7 @@ def _reach_bound(mesh: _Mesh, level: int, bound: float, diagonal: str) -> None:
         length = breaks.side_lengths(mesh.nodes, mesh.face_nodes, mesh.patch.aspect)
         breaks.choose_breaks(
             mesh.nodes, mesh.face_nodes, mesh.side_twin, mesh.patch.heights.shape[1], bound, mesh.patch.aspect, GUARD,
-            length, pending[0], found,
+            length, pending[0], tuple(found),
         )  # fmt: skip
         if not mesh.cut(pending, found, bound, MIDDLE, diagonal):
             if (mesh.face_error > bound).any():
@@ -147,7 +148,7 @@ def _one_pass(mesh: _Mesh, level: int, options: Mapping[str, Any]) -> None:
     pending = mesh.state(level)
     breaks.find_significant(
         mesh.nodes, mesh.face_nodes, mesh.side_twin, mesh.patch.heights, mesh.patch.aspect, tolerance, away, share,
-        pending[0], found,
+        pending[0], tuple(found),
     )  # fmt: skip
     mesh.cut(pending, found, tolerance, 0.0, options["diagonal"])
 
@@ -208,7 +209,7 @@ def build(patch: Patch, options: Mapping[str, Any]) -> Hierarchy:
     """
     rules = levels(options)
     mesh = _Mesh(patch, options)
-    faces, links, filled, counts, errors, squared, posts = [], [], [], [], [], [], []
+    faces, links, filled, counts, measures = [], [], [], [], []
     for level, rule in enumerate(rules):
         mesh.ancestor = np.arange(len(mesh.face_nodes), dtype=np.int32)
         if rule is None:
@@ -225,14 +226,12 @@ def build(patch: Patch, options: Mapping[str, Any]) -> Hierarchy:
         faces.append(mesh.face_nodes)
         filled.append(mesh.is_filled)
         counts.append(len(mesh.nodes))
-        residual = mesh.residual[patch.is_owned]
-        errors.append(float(residual.max(initial=0.0)))
-        squared.append(float(residual @ residual))
-        posts.append(len(residual))
+        measures.append(measure(mesh.residual, patch.is_owned))
+    errors, squared, posts = zip(*measures, strict=True)
     node_level = np.repeat(np.arange(len(counts), dtype=np.int32), np.diff(counts, prepend=0))
     return Hierarchy(
         mesh.nodes, node_level, tuple(faces), tuple(links), tuple(filled),
-        tuple(options["max_error"] or [float("nan")] * len(faces)), tuple(errors), tuple(squared), tuple(posts),
+        tuple(options["max_error"] or [float("nan")] * len(faces)), errors, squared, posts,
     )  # fmt: skip
 
 

@@ -86,8 +86,8 @@ class StoreWriter:
             connection.execute("PRAGMA journal_mode = DELETE")
             connection.execute(f"PRAGMA application_id = {APPLICATION_ID}")
             connection.execute(f"PRAGMA user_version = {USER_VERSION}")
-            connection.executescript(schema_sql("gpkg.sql") + schema_sql("vpfx.sql"))
-            connection.commit()
+            connection.execute("PRAGMA synchronous = OFF")  # the finished file is synced as a whole
+            connection.executescript(f"BEGIN;\n{schema_sql('gpkg.sql')}{schema_sql('vpfx.sql')}COMMIT;")
         finally:
             connection.close()
 
@@ -151,6 +151,7 @@ class StoreWriter:
             summary = self._summary(bounds)
             connection = sqlite3.connect(self._temporary)
             try:
+                connection.execute("PRAGMA synchronous = OFF")
                 self._write_contents(connection, summary, metadata, sources)
                 connection.commit()
             finally:
