@@ -184,8 +184,10 @@ CUTS = {
     ),
     "rule 3": (
         {SOUTH: 1, EAST: 1, MIDDLE: 1},
-        [(SW, SOUTH, MIDDLE), (SOUTH, SE, EAST), (MIDDLE, EAST, NE), (SOUTH, EAST, MIDDLE)]
-        + [(SW, MIDDLE, NW), (MIDDLE, NE, NW)],
+        [
+            *[(SW, SOUTH, MIDDLE), (SOUTH, SE, EAST), (MIDDLE, EAST, NE), (SOUTH, EAST, MIDDLE)],
+            *[(SW, MIDDLE, NW), (MIDDLE, NE, NW)],
+        ],
     ),
     "rule 4": ({(3, 1): 1}, [(SW, SE, (3, 1)), (SE, NE, (3, 1)), (NE, SW, (3, 1)), UPPER]),
     "rule 4 gives way": ({(3, 1): 9, SOUTH: 1}, [(SW, SOUTH, NE), (SOUTH, SE, NE), UPPER]),
@@ -299,7 +301,7 @@ def test_values_of_the_wrong_kind_are_refused(name):
 
 
 def test_unknown_method_is_refused():
-    with pytest.raises(UnknownNameError, match="known: .*wynne"):
+    with pytest.raises(UnknownNameError, match=r"known: .*wynne"):
         build_hierarchy(SOLID["ramp"], method="octree", passes=1)
 
 

@@ -1,0 +1,70 @@
+"""All grids of 3 × 3 posts: every choice of heights 0 and 1, and every choice of voids, through every method; judged."""
+
+from __future__ import annotations
+
+import itertools
+
+import numpy as np
+import pytest
+from invariants import judge_hierarchy
+from invariants_ground import find_ground
+from surfaces import noise
+from test_methods import BOUNDED
+
+from vpfx.model import Grid
+from vpfx.pipeline import build_hierarchy
+
+POSTS = 9
+OPTIONS = [{"method": name, "max_error": (0.4, 0.2)} for name in BOUNDED] + [{"method": "wynne", "passes": 2}]
+PARTS = 8  # each test takes every eighth grid
+
+
+def judged(grid, options):
+    """Build and judge; the message names the grid."""
+    try:
+        h = build_hierarchy(grid, **options)
+        if find_ground(grid.heights).n_triangle:
+            judge_hierarchy(h, grid)
+        else:
+            assert not any(len(faces) for faces in h.level_faces)
+    except Exception as error:
+        raise AssertionError(f"{options}, heights {grid.heights.tolist()}: {error!r}") from error
+
+
+def grids_of(values):
+    return (np.reshape(heights, (3, 3)) for heights in itertools.product(values, repeat=POSTS))
+
+
+def test_all_grids_are_met():
+    assert len({heights.tobytes() for heights in grids_of((0.0, 1.0))}) == 512
+
+
+@pytest.mark.parametrize("part", range(PARTS))
+@pytest.mark.parametrize("options", OPTIONS, ids=str)
+def test_every_grid_of_two_heights(options, part):
+    for heights in itertools.islice(grids_of((0.0, 1.0)), part, None, PARTS):
+        judged(Grid(heights), options)
+
+
+@pytest.mark.parametrize("part", range(PARTS))
+@pytest.mark.parametrize("options", OPTIONS, ids=str)
+def test_every_choice_of_voids(options, part):
+    heights = noise(3, 3, 11)
+    for is_void in itertools.islice(grids_of((0, 1)), part, None, PARTS):
+        judged(Grid(np.where(is_void, np.nan, heights)), {**options, "diagonal": "least-error"})
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("options", [{"max_error": (0.2,)}, {"passes": 1}], ids=str)
+def test_every_grid_of_three_heights(options):
+    for heights in grids_of((0.0, 1.0, 2.0)):
+        judged(Grid(heights), options)
+
+
+@pytest.mark.slow
+def test_every_choice_of_voids_filled():
+    heights = noise(3, 3, 11)
+    for is_void in grids_of((0, 1)):
+        grid = Grid(np.where(is_void, np.nan, heights))
+        if find_ground(grid.heights).n_triangle:
+            judge_hierarchy(build_hierarchy(grid, fill=True, max_error=(4.0, 1.0)), grid)
