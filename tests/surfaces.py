@@ -1,10 +1,12 @@
-"""Small surfaces by name, and a way to put one into a file.
+"""Small surfaces by name, a way to put one into a file, and a way to ask what a store holds.
 
 Each is a `Grid`; those of `VOIDS` lack posts. `NO_GROUND` have valid posts, but no three that make a lattice triangle.
 """
 
 from __future__ import annotations
 
+import sqlite3
+from contextlib import closing
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +16,19 @@ from rasterio.transform import from_origin
 
 from vpfx.model import Grid
 
-__all__ = ["NODATA", "NO_GROUND", "SOLID", "SURFACES", "VOIDS", "bounds_of", "noise", "relief_of", "write_dem"]
+__all__ = [
+    "NODATA",
+    "NO_GROUND",
+    "SOLID",
+    "SURFACES",
+    "VOIDS",
+    "bounds_of",
+    "hills",
+    "noise",
+    "query",
+    "relief_of",
+    "write_dem",
+]
 
 NODATA = -32767.0
 
@@ -22,6 +36,12 @@ NODATA = -32767.0
 def noise(n_row: int, n_col: int, seed: int = 0) -> Any:
     """Heights with nothing in common, ± 10 m."""
     return np.random.default_rng(seed).uniform(-10.0, 10.0, (n_row, n_col))
+
+
+def hills(n_row: int, n_col: int, seed: int = 0) -> Any:
+    """Slopes with some noise: 100 m of relief."""
+    row, col = np.mgrid[0.0:n_row, 0.0:n_col]
+    return 20 * np.sin(row / 5) + 20 * np.cos(col / 7) + noise(n_row, n_col, seed)
 
 
 def _spike() -> Any:
@@ -114,14 +134,20 @@ def bounds_of(grid: Grid, *shares: float) -> tuple[float, ...]:
 
 
 def write_dem(
-    path: Path, heights: Any, *, x0: float = 5e5, y0: float = 4e6, step: float = 30.0, crs: Any = 32613
+    path: Path, heights: Any, *, x0: float = 5e5, y0: float = 4e6, step: float = 30.0, crs: str | None = "EPSG:32613"
 ) -> Path:
     """Write heights (south first, NaN for voids) as GeoTIFF with post (0, 0) at x0, y0."""
     n_row, n_col = heights.shape
     profile = {
         "driver": "GTiff", "height": n_row, "width": n_col, "count": 1, "dtype": "float64", "nodata": NODATA,
-        "crs": f"EPSG:{crs}", "transform": from_origin(x0 - step / 2, y0 + (n_row - 0.5) * step, step, step),
+        "crs": crs, "transform": from_origin(x0 - step / 2, y0 + (n_row - 0.5) * step, step, step),
     }  # fmt: skip
     with rasterio.open(path, "w", **profile) as dataset:
         dataset.write(np.nan_to_num(heights, nan=NODATA)[::-1], 1)
     return path
+
+
+def query(path: Path, sql: str, *values: Any) -> list[Any]:
+    """Return the rows that a store gives for some SQL."""
+    with closing(sqlite3.connect(path)) as store:
+        return store.execute(sql, values).fetchall()

@@ -126,6 +126,12 @@ def test_planes_are_not_cut(surface):
         assert build_hierarchy(SOLID[surface], **options).tin(-1 % len(options)).n_face == 2
 
 
+def test_rounding_is_not_significant():
+    """A plane whose heights no float holds exactly is still a plane, at the default tolerance of 0."""
+    heights = np.add.outer(0.1 * np.arange(30.0), 0.3 * np.arange(30.0))
+    assert [len(faces) for faces in build_hierarchy(Grid(heights), passes=3).level_faces] == [2, 2, 2, 2]
+
+
 # --- start meshes -----------------------------------------------------------------------------------------------------
 
 

@@ -2,7 +2,11 @@
 
 from __future__ import annotations
 
+import hashlib
+import itertools
+import math
 import sqlite3
+import struct
 from contextlib import closing
 from pathlib import Path
 
@@ -11,11 +15,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from invariants import judge_store
-from surfaces import noise, write_dem
+from surfaces import hills, noise, query, write_dem
 
 from vpfx.dem import read_grid
-from vpfx.errors import InputError
+from vpfx.errors import InputError, VpfxError
 from vpfx.pipeline import build
+from vpfx.store.digest import read_digest
 from vpfx.store.tiles import Tiling
 
 CELL = Path(__file__).resolve().parents[1] / "fixtures" / "dem" / "new_mexico_cell_5min_1arcsec.tif"
@@ -31,26 +36,19 @@ MODES = {
 def crop(path, rows=slice(0, 90), cols=slice(0, 120), **options):
     """Write some posts of the New Mexico cell, in their places."""
     grid = read_grid(CELL)
-    place = {"x0": grid.x0 + cols.start * STEP, "y0": grid.y0 + rows.start * STEP, "step": STEP, "crs": 4269}
+    place = {"x0": grid.x0 + cols.start * STEP, "y0": grid.y0 + rows.start * STEP, "step": STEP, "crs": "EPSG:4269"}
     return write_dem(path, grid.heights[rows, cols], **place, **options)
 
 
 def rows_of(path, *tables):
-    """All rows of some tables, in order."""
-    with closing(sqlite3.connect(path)) as store:
-        return {table: sorted(store.execute(f"SELECT * FROM {table}").fetchall()) for table in tables or ROWS}
+    """All rows of some tables, in order; of nearly all if none are named."""
+    return {table: sorted(query(path, f"SELECT * FROM {table}")) for table in tables or ROWS}
 
 
 def build_and_judge(dems, output, **options):
     report = build(dems, output, overwrite=True, workers=1, **options)
     judge_store(output, dems)
     return report
-
-
-def hilly(n_row, n_col, seed=0):
-    """Slopes with some noise: 60 m of relief."""
-    row, col = np.mgrid[0.0:n_row, 0.0:n_col]
-    return 20 * np.sin(row / 5) + 20 * np.cos(col / 7) + noise(n_row, n_col, seed)
 
 
 # --- any cut, any workers, any files -------------------------------------------------------------------------------------
@@ -88,7 +86,7 @@ def test_two_files_give_what_their_mosaic_gives(mode, cut, tmp_path):
 
 
 def test_one_tile_numbers_from_one(tmp_path):
-    heights = hilly(30, 40)
+    heights = hills(30, 40)
     heights[5:9, 5:9] = np.nan
     build(write_dem(tmp_path / "a.tif", heights), tmp_path / "a.gpkg", **MODES["bounded"])
     for table, rows in rows_of(tmp_path / "a.gpkg", "node", "edge", "face").items():
@@ -105,7 +103,7 @@ def test_tiles_are_as_even_as_posts_allow():
 
 @pytest.mark.parametrize("options", [{"tile_size": 7}, {"tile_size": -8}, {"workers": 0}, {"workers": -1}])
 def test_senseless_numbers_are_refused(options, tmp_path):
-    dem = write_dem(tmp_path / "a.tif", hilly(20, 20))
+    dem = write_dem(tmp_path / "a.tif", hills(20, 20))
     with pytest.raises(InputError, match=r"found -?\d.*expected at least"):
         build(dem, tmp_path / "a.gpkg", **MODES["bounded"], **options)
     assert not (tmp_path / "a.gpkg").exists()
@@ -127,7 +125,7 @@ def border_nodes(path, lines):
 def test_borders_are_decided_by_their_own_posts(mode, tmp_path):
     tiling = Tiling(40, 50, 13, 2)
     lines = tiling.row_lines.tolist(), tiling.col_lines.tolist()
-    heights = hilly(40, 50)
+    heights = hills(40, 50)
     other = noise(40, 50, 9) * 3
     for axis in range(2):
         place = [slice(None)] * 2
@@ -168,19 +166,18 @@ WINDOWS = {
 @pytest.mark.parametrize("fill", [False, True], ids=["open", "filled"])
 @pytest.mark.parametrize("name", WINDOWS)
 def test_voids_beside_borders(name, fill, tmp_path):
-    heights = hilly(33, 33)
+    heights = hills(33, 33)
     heights[WINDOWS[name]] = np.nan
     dem = write_dem(tmp_path / "a.tif", heights)
     report = build_and_judge(dem, tmp_path / "a.gpkg", tile_size=8, fill=fill, max_error=(20.0, 9.0))
     assert report.ground.void_posts == np.isnan(heights).sum()
-    with closing(sqlite3.connect(tmp_path / "a.gpkg")) as store:
-        assert (store.execute("SELECT max(is_filled) FROM face").fetchone()[0] == 1) is fill
+    assert query(tmp_path / "a.gpkg", "SELECT max(is_filled) FROM face") == [(int(fill),)]
 
 
 @pytest.mark.parametrize("name", WINDOWS)
 def test_filled_voids_keep_to_the_heights_around(name, tmp_path):
     """No height of a filled store is beyond those of the posts."""
-    heights = hilly(33, 33)
+    heights = hills(33, 33)
     heights[WINDOWS[name]] = np.nan
     dem = write_dem(tmp_path / "a.tif", heights)
     build(dem, tmp_path / "a.gpkg", tile_size=8, fill=True, passes=1)
@@ -209,7 +206,7 @@ def masks(draw):
 
 def judge_masked(folder, drawn, mode, fill):
     is_void, tile_size = drawn
-    heights = np.where(is_void, np.nan, hilly(*is_void.shape))
+    heights = np.where(is_void, np.nan, hills(*is_void.shape))
     dem = write_dem(folder / "a.tif", heights)
     build_and_judge(dem, folder / "a.gpkg", tile_size=tile_size, fill=fill, **MODES[mode])
 
@@ -252,9 +249,108 @@ REFUSED = [((), "rising"), ((1,), "rising"), ((200, 100), "rising"), ((100, 100)
 
 @pytest.mark.parametrize(("budgets", "message"), REFUSED)
 def test_senseless_budgets_are_refused(budgets, message, tmp_path):
-    dem = write_dem(tmp_path / "a.tif", hilly(20, 20))
+    dem = write_dem(tmp_path / "a.tif", hills(20, 20))
     with pytest.raises(InputError, match=message):
         build(dem, tmp_path / "a.gpkg", max_faces=budgets, tile_size=10)
     with pytest.raises(InputError, match="only one"):
         build(dem, tmp_path / "a.gpkg", max_faces=(100,), passes=1)
     assert [path.name for path in tmp_path.iterdir()] == ["a.tif"]
+
+
+# --- digests ------------------------------------------------------------------------------------------------------------------
+
+
+def pierced():
+    """Hills with voids that cross and touch tile borders."""
+    heights = hills(41, 50)
+    for void in (np.s_[10:20, 14:19], np.s_[5, 25:40], np.s_[27:30, 30:33]):
+        heights[void] = np.nan
+    return heights
+
+
+@pytest.fixture(scope="module")
+def pierced_store(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("pierced")
+    build(write_dem(folder / "a.tif", pierced()), folder / "a.gpkg", max_error=(20.0, 8.0), tile_size=16)
+    return folder / "a.gpkg"
+
+
+def border_digest(connection, level):
+    """BLAKE2b over the columns of the border nodes that are new at a level and of its border edges."""
+    digest = hashlib.blake2b(digest_size=16)
+    first = "SELECT ifnull(min(first_{0}), 1 << 60) FROM tile_level"
+    nodes = f"SELECT * FROM node WHERE level = ? AND node_id < ({first.format('node')}) ORDER BY node_id"
+    edges = f"SELECT * FROM edge WHERE level = ? AND edge_id < ({first.format('edge')}) ORDER BY edge_id"
+    for sql in (nodes, edges):
+        for column in zip(*connection.execute(sql, (level,)), strict=True):
+            for value in column:
+                if isinstance(value, bytes):
+                    digest.update(value)
+                else:
+                    number = -(2**63) if value is None else value
+                    digest.update(struct.pack("<d" if isinstance(number, float) else "<q", number))
+    return digest.digest()
+
+
+def digests_of(connection):
+    """Digests of all tiles and levels and of the borders, computed anew."""
+    pairs = connection.execute("SELECT tile_id, level FROM tile_level ORDER BY 1, 2").fetchall()
+    levels = [level for (level,) in connection.execute("SELECT level FROM level ORDER BY 1").fetchall()]
+    return [read_digest(connection, *p) for p in pairs], [border_digest(connection, level) for level in levels]
+
+
+def stored_digests(connection):
+    tiles = connection.execute("SELECT digest FROM tile_level ORDER BY tile_id, level").fetchall()
+    levels = connection.execute("SELECT border_digest FROM level ORDER BY level").fetchall()
+    return [row[0] for row in tiles], [row[0] for row in levels]
+
+
+@pytest.mark.parametrize("options", [{}, {"fill": True}, {"tile_size": 100}, {"tile_size": 8, "passes": 1}], ids=str)
+def test_digests_are_those_of_the_rows(options, tmp_path):
+    mode = {} if "passes" in options else {"max_error": (20.0, 8.0)}
+    build(write_dem(tmp_path / "a.tif", pierced()), tmp_path / "a.gpkg", **{"tile_size": 16, **mode, **options})
+    with closing(sqlite3.connect(tmp_path / "a.gpkg")) as connection:
+        stored = stored_digests(connection)
+        assert stored == digests_of(connection)
+        assert all(len(digest) == 16 for digest in itertools.chain(*stored))
+
+
+CHANGES = {
+    "next": lambda v: {
+        int: lambda: v + 1,
+        float: lambda: math.nextafter(v, 1e9),
+        bytes: lambda: v[:-1] + bytes([v[-1] ^ 1]),
+    },
+    "negative": lambda v: {int: lambda: -1 - v, float: lambda: -1.0 - v, bytes: lambda: v[1:] + v[:1]},
+    "half": lambda v: {int: lambda: v + 0.5, float: lambda: v / 2 + 0.5, bytes: lambda: v[:12]},
+    "text": lambda v: dict.fromkeys((int, float, bytes), lambda: f"{v!r} m"),
+    "other type": lambda v: {int: lambda: b"\0", float: lambda: b"\0", bytes: lambda: 5},
+}
+
+
+@settings(deadline=None, max_examples=150)
+@given(
+    st.sampled_from(["node", "edge", "face", "parent_child"]),
+    st.integers(0, 10**6),
+    st.integers(0, 20),
+    st.sampled_from([*CHANGES]),
+)
+def test_digests_notice_any_changed_value(pierced_store, table, row, column, change):
+    with closing(sqlite3.connect(pierced_store)) as connection:
+        names = [info[1] for info in connection.execute(f"PRAGMA table_info({table})")]
+        keys = ["child_face", "parent_face"] if table == "parent_child" else [f"{table}_id"]
+        rows = connection.execute(f"SELECT {', '.join(names)} FROM {table}").fetchall()
+        row, column = rows[row % len(rows)], column % len(names)
+        old = row[column] if row[column] is not None else 0
+        if names[column] in keys and change != "next":
+            return  # SQLite refuses what is no integer
+        new = old + 10**9 if names[column] in keys else CHANGES[change](old)[type(old)]()
+        where = " AND ".join(f"{key} = ?" for key in keys)
+        values = [new, *(row[names.index(key)] for key in keys)]
+        connection.execute(f"UPDATE {table} SET {names[column]} = ? WHERE {where}", values)
+        try:
+            found = digests_of(connection)
+        except (VpfxError, struct.error):  # found out too
+            found = None
+        assert found != stored_digests(connection), f"{table} {values[1:]}: {names[column]} {old!r} → {new!r}"
+        connection.rollback()
