@@ -1,4 +1,6 @@
-"""Draw the levels of a store side by side: shaded faces with their edges. Made the picture of README.md.
+"""Draw the levels of a store side by side: shaded faces with their edges.
+
+The picture of README.md was made so::
 
     vpfx build fixtures/dem/new_mexico_cell_5min_1arcsec.tif -o new_mexico.gpkg --max-error 40,20,10,5
     python bench/picture.py new_mexico.gpkg specs/levels.png

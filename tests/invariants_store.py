@@ -76,7 +76,8 @@ def read_posts(*paths: Any) -> Posts:
     """Read elevation files that lie on one lattice; where two have a post, the first valid one counts."""
     parts = []
     for path in paths:
-        with rasterio.open(path) as dataset:
+        name = f"/vsigzip/{path}" if str(path).endswith(".gz") else path
+        with rasterio.Env(CPL_VSIL_GZIP_WRITE_PROPERTIES="NO"), rasterio.open(name) as dataset:
             a, b, c, d, e, f = tuple(dataset.transform)[:6]
             require(b == d == 0 and a > 0 > e, f"{path}: found transform {(a, b, c, d, e, f)}, expected north up")
             heights = np.ma.filled(dataset.read(1, masked=True).astype(np.float64), np.nan)[::-1]

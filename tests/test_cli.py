@@ -140,7 +140,7 @@ BAD_OUTPUTS = {
     "existing file": (["-o", "there.gpkg"], FAILURE, r"there\.gpkg: found an existing file; .*--overwrite"),
     "folder": (["-o", "folder"], FAILURE, r"folder: found a folder, expected a file name"),
     "folder, overwritten": (["-o", "folder", "--overwrite"], FAILURE, r"folder: found a folder"),
-    "folder missing": (["-o", "missing/new.gpkg"], FAILURE, r"missing/new\.gpkg: cannot be written"),
+    "folder missing": (["-o", "missing/new.gpkg"], FAILURE, r"missing/new\.gpkg: found no folder"),
     "file as folder": (["-o", "there.gpkg/new.gpkg"], FAILURE, r"there\.gpkg/new\.gpkg: "),
     "empty name": (["-o", ""], FAILURE, r"expected a file name"),
 }
@@ -202,7 +202,7 @@ DAMAGES = {
     "options that are none": "UPDATE metadata SET value = '3' WHERE name = 'options'",
     "CRS that is none": "UPDATE metadata SET value = '5' WHERE name = 'crs_wkt2'",
     "bytes as text": "UPDATE metadata SET value = X'FF00' WHERE name = 'method'",
-    "bottomless JSON": f"INSERT INTO metadata VALUES ('deep', '{'[' * 100_000}')",
+    "bottomless JSON": f"UPDATE metadata SET value = '{'[' * 100_000}' WHERE name = 'options'",
     "text as error": "UPDATE level SET max_error = 'small'",
     "text as bound": "UPDATE level SET max_error_bound = 'small'",
     "text as count": "UPDATE level SET node_count = 'many'",

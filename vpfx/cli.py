@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import io
 import json
+import re
 import sys
 import time
 from collections.abc import Iterator, Sequence
@@ -28,6 +30,9 @@ MAX_ERROR = "40,20,10,5"  # bounds where none are given, metres
 
 def main(arguments: Sequence[str] | None = None) -> None:
     """Run a command; every error is one line on stderr and an exit code."""
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper):
+            stream.reconfigure(errors="backslashreplace")
     try:
         code = app.main(arguments, prog_name="vpfx", standalone_mode=False)
     except click.exceptions.NoArgsIsHelpError as error:
@@ -35,11 +40,13 @@ def main(arguments: Sequence[str] | None = None) -> None:
         sys.exit(USAGE)
     except click.UsageError as error:
         command = error.ctx.command_path if error.ctx else "vpfx"
-        _fail(f"{command}: {error.format_message()} See: {command} --help", USAGE)
+        _fail(f"{command}: {error.format_message().rstrip('.')}. See: {command} --help", USAGE)
     except InputError as error:
         _fail(f"vpfx: {error}", USAGE)
     except VpfxError as error:
         _fail(f"vpfx: {error}", FAILURE)
+    except OSError as error:
+        _fail(f"vpfx: cannot write the output: {error}", FAILURE)
     except MemoryError:
         _fail("vpfx: found too little memory; try a smaller --tile-size or fewer --workers", FAILURE)
     except (KeyboardInterrupt, click.Abort):
@@ -67,10 +74,10 @@ def _grid(text: str | None) -> tuple[int, int] | None:
     """Squares of the start grid as COLUMNSxROWS; None stays None."""
     if text is None:
         return None
-    columns, _, rows = text.lower().replace("×", "x").partition("x")
-    if not (columns.isdigit() and rows.isdigit() and int(columns) and int(rows)):
+    found = re.fullmatch(r"([1-9][0-9]{0,5})[xX×]([1-9][0-9]{0,5})", text)
+    if not found:
         raise InputError(f"--grid: found {text!r}, expected columns x rows, such as 9x9")
-    return int(columns), int(rows)
+    return int(found[1]), int(found[2])
 
 
 @click.group(no_args_is_help=True)
@@ -146,15 +153,13 @@ def build(
             grid=_grid(grid), progress=progress, dem_options=dem_options, **given,
         )  # fmt: skip
     if as_json:
-        _print_json(
-            report.levels, report.seconds, store=str(report.path), tiles=report.tiles, **report.ground._asdict()
-        )
+        facts = {"store": str(report.path), "tiles": report.tiles, **report.ground._asdict()}
+        _print_json(report.levels, report.seconds, facts)
     elif not quiet:
         _print_levels(report.levels)
         size = report.path.stat().st_size
-        print(
-            f"{report.path}: {size:,} bytes, {report.ground.posts:,} posts, {report.tiles} tiles, {report.seconds:.1f} s"
-        )
+        tiles = f"{report.tiles} tile{'s' if report.tiles > 1 else ''}"
+        print(f"{report.path}: {size:,} bytes, {report.ground.posts:,} posts, {tiles}, {report.seconds:.1f} s")
 
 
 @app.command()
@@ -171,11 +176,11 @@ def info(store: Path, as_json: bool) -> None:
     with open_store(store) as opened:
         tiles = len(opened.tiles()["tile_id"])
         facts = {
-            "store": str(store), "bytes": store.stat().st_size, "tiles": tiles, "extent": list(opened.extent),
-            **opened.metadata, "sources": opened.sources,
+            **opened.metadata, "store": str(store), "bytes": store.stat().st_size, "tiles": tiles,
+            "extent": list(opened.extent), "sources": opened.sources,
         }  # fmt: skip
         if as_json:
-            _print_json(opened.levels, time.perf_counter() - started, **facts)
+            _print_json(opened.levels, time.perf_counter() - started, facts)
             return
         _print_levels(opened.levels)
         _print_facts(facts)
@@ -183,20 +188,19 @@ def info(store: Path, as_json: bool) -> None:
 
 def _print_facts(facts: dict[str, Any]) -> None:
     crs = facts.pop("crs_wkt2")
-    facts["crs"] = crs.split('"')[1] if '"' in crs else "unknown"
-    for source in facts.pop("sources"):
-        facts[f"source {source['name']}"] = (
-            f"{source['byte_count']} bytes, {source['driver']}, sha256 {source['sha256']}"
-        )
-    options = facts.pop("options", {})
-    facts["options"] = ", ".join(f"{name}={value}" for name, value in options.items() if value is not None)
-    width = max(len(name) for name in facts)
-    for name, value in facts.items():
+    options = ", ".join(f"{name}={value}" for name, value in facts.pop("options").items() if value is not None)
+    sources = facts.pop("sources")
+    lines = [*facts.items(), ("crs", crs.split('"')[1] if '"' in crs else "unknown"), ("options", options)]
+    for source in sources:
+        size = f"{source['byte_count']} bytes, {source['driver']}"
+        lines.append(("source", f"{source['name']}: {size}, sha256 {source['sha256']}"))
+    width = max(len(name) for name, _ in lines)
+    for name, value in lines:
         print(f"{name:<{width}}  {value}")
 
 
-def _print_json(levels: Sequence[LevelSummary], seconds: float, **facts: Any) -> None:
-    document = {"levels": [line._asdict() for line in levels], "seconds": round(seconds, 3), **facts}
+def _print_json(levels: Sequence[LevelSummary], seconds: float, facts: dict[str, Any]) -> None:
+    document = {**facts, "levels": [line._asdict() for line in levels], "seconds": round(seconds, 3)}
     print(json.dumps(document, indent=2, ensure_ascii=False))
 
 

@@ -24,7 +24,7 @@ from vpfx.registry import pick
 from vpfx.store.rows import Place
 from vpfx.store.summary import LevelSummary
 from vpfx.store.tiles import DEFAULT_TILE_SIZE, Tile, Tiling
-from vpfx.store.writer import StoreWriter
+from vpfx.store.writer import StoreWriter, check_target
 
 __all__ = ["BuildReport", "build", "build_hierarchy"]
 
@@ -128,8 +128,13 @@ def build(
     chosen = checked_options(part, options)
     if workers is not None and workers < 1:
         raise InputError(f"workers: found {workers}, expected at least 1")
+    if not 0 <= seed < 1 << 31:
+        raise InputError(f"seed: found {seed}, expected 0 … {(1 << 31) - 1}")
+    check_target(Path(output), overwrite)
     n_worker = workers or os.cpu_count() or 1
     with open_dem(paths, **(dem_options or {})) as dem:
+        if Path(output).exists() and any(os.path.samefile(source.path, output) for source in dem.sources):
+            raise InputError(f"output: found {output}, which is one of the elevation files; give another name")
         if max_faces is not None:
             chosen["max_error"] = _fit_budget(dem, part, chosen, max_faces, tile_size, n_worker, fill, seed)
         tiling = Tiling(dem.n_row, dem.n_col, tile_size, len(part.levels(chosen)))

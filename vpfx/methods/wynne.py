@@ -34,6 +34,7 @@ GUARD = 0.62  # an edge may break if it is at least this share of the longest ed
 MIDDLE = 0.35  # a break keeps this share of the edge from both its ends
 BAND = ScanRule(band=0.45, end_share=0.15, inner_share=0.3, inner_away=0.0)
 BOUND_SLACK = 1e-6  # the builder works to the bound less this share, so that rounding never shows a post over it
+MOST_LEVELS = 32
 MOST_PASSES = 1000  # a level takes 10 to 40; more is a bug
 
 DIAGONALS = {"shorter": 0, "random": 1, "least-error": 2}
@@ -168,6 +169,12 @@ def levels(options: Mapping[str, Any]) -> list[LevelRule | None]:
         raise InputError(f"wynne: found diagonal {options['diagonal']!r}, expected one of: {', '.join(DIAGONALS)}")
     if options["start"] not in ("grid", "delaunay"):
         raise InputError(f"wynne: found start {options['start']!r}, expected grid or delaunay")
+    if passes is None and any(options[name] != DEFAULTS[name] for name in ("tolerance", "xy_tolerance", "xy_ratio")):
+        raise InputError("wynne: found a tolerance of pass mode without passes, expected both or none")
+    if options["start_posts"] < 1 or (options["grid"] and min(options["grid"]) < 1):
+        raise InputError("wynne: found start_posts or grid below 1, expected positive numbers")
+    if (len(bounds) if passes is None else passes) > MOST_LEVELS:
+        raise InputError(f"wynne: found more than {MOST_LEVELS} levels")
     if bounds is not None:
         bounds = list(bounds)
         if not bounds or any(not np.isfinite(b) or b <= 0 for b in bounds):
@@ -175,7 +182,8 @@ def levels(options: Mapping[str, Any]) -> list[LevelRule | None]:
         if any(fine >= coarse for coarse, fine in pairwise(bounds)):
             raise InputError(f"wynne: found max_error {bounds}, expected each smaller than the one before")
         return [LevelRule(bound * (1.0 - BOUND_SLACK), MIDDLE, 0.0, 0.0, True) for bound in bounds]
-    if passes < 0 or options["tolerance"] < 0 or options["xy_tolerance"] < 0 or not 0 <= options["xy_ratio"] < 0.5:
+    is_good = 0 <= options["tolerance"] < np.inf and 0 <= options["xy_tolerance"] < np.inf
+    if passes < 0 or not is_good or not 0 <= options["xy_ratio"] < 0.5:
         raise InputError("wynne: found a negative number of passes or tolerance, or xy_ratio outside 0 … 0.5")
     rule = LevelRule(options["tolerance"], 0.0, options["xy_tolerance"], options["xy_ratio"], False)
     return [None, *[rule] * passes]

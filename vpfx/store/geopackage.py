@@ -18,7 +18,7 @@ LAST_CHANGE = "1970-01-01T00:00:00.000Z"  # fixed: the same input gives the same
 OWN_SRS_ID = 200000  # for a CRS without number of its own
 UNDEFINED_SRS_ID = -1
 EXTENSION = "vpfx_hierarchical_tin"
-DEFINITION = "specs/format.md of vpfx: hierarchical TIN as VPF-style primitive tables"
+DEFINITION = "urn:x-vpfx:hierarchical-tin:0.1"  # described in specs/format.md
 
 _ATTRIBUTE_TABLES = {
     "level": "levels with bounds and measured errors",

@@ -5,7 +5,6 @@ A store from a stranger is read safely: read-only, with untrusted schema, and on
 
 from __future__ import annotations
 
-import json
 import sqlite3
 from collections.abc import Sequence
 from pathlib import Path
@@ -17,9 +16,9 @@ from numpy.typing import NDArray
 
 from vpfx.errors import InputError, NotFoundError, StoreError, StoreFormatError
 from vpfx.model import Extent, Tin
+from vpfx.store.contents import read_extent, read_levels, read_metadata
 from vpfx.store.ddl import schema_sql
 from vpfx.store.geopackage import APPLICATION_ID
-from vpfx.store.summary import LevelSummary
 
 __all__ = ["Store", "open_store"]
 
@@ -89,7 +88,9 @@ class Store:
     def __init__(self, path: Path) -> None:
         self.path = path
         if not path.is_file():
-            raise NotFoundError(f"{path}: found no such file, expected a store made by vpfx build")
+            raise NotFoundError(
+                f"{path}: found {'a folder' if path.is_dir() else 'no such file'}, expected a store made by vpfx build"
+            )
         try:
             self._connection = sqlite3.connect(f"{path.absolute().as_uri()}?mode=ro", uri=True)
         except sqlite3.Error as error:
@@ -97,7 +98,11 @@ class Store:
         try:
             self._connection.execute("PRAGMA trusted_schema = OFF")
             self._check_schema()
-            self._read_contents()
+            self._check_size()
+            self.metadata = read_metadata(self._connection, str(path))
+            self.levels = read_levels(self._connection, str(path))
+            self.extent = read_extent(self._connection, str(path))
+            self.crs = str(self.metadata["crs_wkt2"])
         except sqlite3.DatabaseError as error:
             self.close()
             reason = "no SQLite database" if "not a database" in str(error) else f"a damaged database ({error})"
@@ -124,19 +129,16 @@ class Store:
         for name, definition in expected.items():
             if found.get(name) != definition:
                 message = "found another definition or none, expected that of schema/vpfx.sql"
-                raise StoreFormatError(str(self.path), f"table {name}", message, "R-100")
+                raise StoreFormatError(str(self.path), f"table {name}", message, "R-101")
 
-    def _read_contents(self) -> None:
-        rows = self._connection.execute("SELECT name, value FROM metadata").fetchall()
-        self.metadata: dict[str, Any] = {name: _decoded(value) for name, value in rows}
-        self.crs = str(self.metadata.get("crs_wkt2", ""))
-        columns = "level, max_error_bound, max_error, rmse, post_count, node_count, edge_count, face_count"
-        levels = self._connection.execute(f"SELECT {columns} FROM level ORDER BY level").fetchall()
-        self.levels = tuple(LevelSummary(*row) for row in levels)
-        box = self._connection.execute("SELECT min(xmin), min(ymin), max(xmax), max(ymax) FROM tile").fetchone()
-        if not self.levels or None in box:
-            raise StoreFormatError(str(self.path), "", "found no level or no tile, expected at least one", "R-120")
-        self.extent = Extent(*box)
+    def _check_size(self) -> None:
+        """Compare the size of the file with what its header says: a cut file is damaged even if its contents can be read."""
+        (pages,), (page_size,) = (
+            self._connection.execute(f"PRAGMA {name}").fetchone() for name in ("page_count", "page_size")
+        )
+        if self.path.stat().st_size != pages * page_size:
+            message = f"found {self.path.stat().st_size} bytes, expected {pages * page_size}"
+            raise StoreFormatError(str(self.path), "", message, "R-101")
 
     def close(self) -> None:
         """Close the file."""
@@ -314,14 +316,6 @@ def _array(values: Sequence[Any]) -> NDArray[Any]:
         return np.array(values, np.int64)
     except TypeError:
         return np.array([NONE_ID if value is None else value for value in values], np.int64)
-
-
-def _decoded(value: str) -> Any:
-    """Metadata value: JSON if it is an object, a list, a number, true, false or null, else the text itself."""
-    try:
-        return json.loads(value)
-    except ValueError:
-        return value
 
 
 def _checked_box(bbox: Sequence[float]) -> Extent:

@@ -6,7 +6,6 @@ happens before leaves the old file, or none (specs/format.md R-100).
 
 from __future__ import annotations
 
-import glob
 import json
 import os
 import sqlite3
@@ -19,6 +18,7 @@ import numpy as np
 
 from vpfx.errors import StoreError
 from vpfx.model import Extent, Hierarchy
+from vpfx.store.contents import FORMAT_VERSION
 from vpfx.store.ddl import schema_sql
 from vpfx.store.digest import Digest
 from vpfx.store.geopackage import APPLICATION_ID, USER_VERSION, register
@@ -27,10 +27,25 @@ from vpfx.store.rows import FirstIds, LevelRows, NodeRows, OpenSides, Place, bor
 from vpfx.store.summary import LevelSummary
 from vpfx.store.tiles import Tile, Tiling
 
-__all__ = ["FORMAT_VERSION", "StoreWriter"]
+__all__ = ["StoreWriter", "check_target"]
 
-FORMAT_VERSION = "0.1"
 PAGE_SIZE = 4096  # bytes; SQLite's own default: what a region query reads grows in small steps
+
+
+def check_target(path: Path, overwrite: bool) -> None:
+    """Check that a store can be put at a path.
+
+    Raises
+    ------
+    StoreError
+        There is a file that may not be replaced, or a folder, or no folder to put it in.
+    """
+    if path.is_dir():
+        raise StoreError(f"{path}: found a folder, expected a file name")
+    if not path.parent.is_dir():
+        raise StoreError(f"{path}: found no folder {path.parent}, expected one to put the store in")
+    if path.exists() and not overwrite:
+        raise StoreError(f"{path}: found an existing file; give another name or --overwrite")
 
 
 class StoreWriter:
@@ -56,12 +71,9 @@ class StoreWriter:
 
     def __init__(self, path: Path, tiling: Tiling, place: Place, wkt: str, overwrite: bool = False) -> None:
         self.path = Path(path)
-        if self.path.is_dir():
-            raise StoreError(f"{self.path}: found a folder, expected a file name")
-        if self.path.exists() and not overwrite:
-            raise StoreError(f"{self.path}: found an existing file; give another name or --overwrite")
+        check_target(self.path, overwrite)
+        self._overwrite = overwrite
         self._temporary = self.path.with_name(f".{self.path.name}.{os.getpid()}.tmp")
-        _remove_left_over(self.path)
         self._tiling, self._place, self._wkt = tiling, place, wkt
         self._next = FirstIds(tiling.n_border_node_id + 1, tiling.n_border_edge_id + 1, 1)
         self._open: list[list[OpenSides]] = [[] for _ in range(tiling.n_level)]
@@ -74,8 +86,10 @@ class StoreWriter:
         try:
             self._create()
             self._pages = PageWriter(self._temporary)
-        except (OSError, sqlite3.Error) as error:
+        except BaseException as error:
             self._discard()
+            if not isinstance(error, OSError | sqlite3.Error):
+                raise
             raise StoreError(f"{self.path}: cannot be written: {error}") from error
 
     def _create(self) -> None:
@@ -192,7 +206,9 @@ class StoreWriter:
         self, connection: sqlite3.Connection, summary: list[LevelSummary], metadata: Mapping[str, Any],
         sources: list[tuple[str, str, int, str]],
     ) -> None:  # fmt: skip
-        texts = {"format_version": FORMAT_VERSION, "crs_wkt2": self._wkt, **metadata}
+        lattice = {**self._place._asdict(), "n_row": int(self._tiling.row_lines[-1]) + 1}
+        lattice["n_col"] = int(self._tiling.col_lines[-1]) + 1
+        texts = {"format_version": FORMAT_VERSION, "crs_wkt2": self._wkt, "lattice": lattice, **metadata}
         rows = [(k, v if isinstance(v, str) else json.dumps(v, sort_keys=True)) for k, v in sorted(texts.items())]
         connection.executemany("INSERT INTO metadata VALUES (?, ?)", rows)
         connection.executemany(
@@ -223,7 +239,15 @@ class StoreWriter:
     def _publish(self) -> None:
         with open(self._temporary, "rb+") as file:
             os.fsync(file.fileno())
-        os.replace(self._temporary, self.path)
+        if self._overwrite:
+            os.replace(self._temporary, self.path)
+        else:
+            try:
+                os.link(self._temporary, self.path)  # unlike a rename, never replaces a file that came meanwhile
+            except FileExistsError:
+                raise StoreError(f"{self.path}: found a file that came while the store was built") from None
+            except OSError:  # a file system without links
+                os.replace(self._temporary, self.path)
         folder = os.open(self.path.parent, os.O_RDONLY)
         try:
             os.fsync(folder)
@@ -242,21 +266,3 @@ class StoreWriter:
     ) -> None:
         self._pages.__exit__(kind, error, trace)
         self._discard()
-
-
-def _remove_left_over(path: Path) -> None:
-    """Remove unfinished files for the same store whose writers were killed."""
-    for file in path.parent.glob(f".{glob.escape(path.name)}.*.tmp"):
-        writer = file.name.split(".")[-2]
-        if writer.isdigit() and not _is_running(int(writer)):
-            file.unlink(missing_ok=True)
-
-
-def _is_running(process: int) -> bool:
-    try:
-        os.kill(process, 0)
-    except ProcessLookupError:
-        return False
-    except OSError:
-        return True
-    return True

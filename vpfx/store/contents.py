@@ -1,0 +1,99 @@
+"""What a store says of itself, read without trust: metadata, levels, extent (specs/format.md R-110, R-120, R-130)."""
+
+from __future__ import annotations
+
+import json
+import math
+import sqlite3
+from typing import Any
+
+from pyproj import CRS
+from pyproj.exceptions import CRSError
+
+from vpfx.errors import StoreFormatError
+from vpfx.model import Extent
+from vpfx.store.summary import LevelSummary
+
+__all__ = ["FORMAT_VERSION", "read_extent", "read_levels", "read_metadata"]
+
+FORMAT_VERSION = "0.1"
+MOST_CHARACTERS = 1 << 20  # of one metadata value
+
+_NUMBER = (int, float)
+_METADATA: dict[str, type | tuple[type, ...]] = {
+    "format_version": str, "software": str, "crs_wkt2": str, "vertical_datum": str, "vertical_unit": str,
+    "source_vertical_unit": str, "source_vertical_unit_is_assumed": bool, "method": str, "method_source": str,
+    "options": dict, "seed": int, "lattice": dict, "posts": int, "void_posts": int, "isolated_posts": int,
+    "area_m2": _NUMBER, "void_area_m2": _NUMBER,
+}  # fmt: skip
+
+
+def read_metadata(connection: sqlite3.Connection, path: str) -> dict[str, Any]:
+    """Read the table `metadata`; values that are not text by their name are decoded from JSON.
+
+    Raises
+    ------
+    StoreFormatError
+        A name is missing, a value is not of its kind, or the format's version is not known.
+    """
+    found = dict(connection.execute("SELECT name, value FROM metadata ORDER BY name").fetchall())
+    version = found.get("format_version")
+    if version != FORMAT_VERSION:
+        message = f"found format version {str(version)[:20]!r}, expected {FORMAT_VERSION!r}"
+        raise StoreFormatError(path, "table metadata", message, "R-110")
+    decoded = {}
+    for name, value in found.items():
+        kind = _METADATA.get(name, str)
+        try:
+            if not isinstance(value, str) or len(value) > MOST_CHARACTERS:
+                raise ValueError
+            decoded[name] = value if kind is str else json.loads(value)
+        except (ValueError, RecursionError):
+            decoded[name] = None
+        if not isinstance(decoded[name], kind):
+            raise StoreFormatError(path, f"table metadata: {str(name)[:40]}", "found a value of another kind", "R-110")
+    try:
+        CRS.from_wkt(found.get("crs_wkt2") or 'LOCAL_CS[""]')
+    except CRSError:
+        raise StoreFormatError(path, "table metadata: crs_wkt2", "found no CRS as WKT, expected one or none") from None
+    missing = sorted(set(_METADATA) - set(found))
+    if missing:
+        raise StoreFormatError(path, "table metadata", f"found no {missing[0]}, expected one", "R-110")
+    return decoded
+
+
+def read_levels(connection: sqlite3.Connection, path: str) -> tuple[LevelSummary, ...]:
+    """Read the table `level`.
+
+    Raises
+    ------
+    StoreFormatError
+        The levels are not numbered 0 … n - 1, or a value is not a finite number.
+    """
+    columns = "level, max_error_bound, max_error, rmse, post_count, node_count, edge_count, face_count"
+    levels = []
+    for number, row in enumerate(connection.execute(f"SELECT {columns} FROM level ORDER BY level")):
+        counts = (row[0], *row[4:])
+        reals = row[2:4] if row[1] is None else row[1:4]
+        is_good = all(isinstance(value, int) and value >= 0 for value in counts) and row[0] == number
+        if not is_good or not all(isinstance(value, _NUMBER) and math.isfinite(value) for value in reals):
+            message = "found levels out of order or values that are no finite numbers"
+            raise StoreFormatError(path, f"table level: row {number + 1}", message, "R-120")
+        levels.append(LevelSummary(*row))
+    if not levels:
+        raise StoreFormatError(path, "table level", "found no row, expected at least one", "R-120")
+    return tuple(levels)
+
+
+def read_extent(connection: sqlite3.Connection, path: str) -> Extent:
+    """Read the rectangle of all tiles.
+
+    Raises
+    ------
+    StoreFormatError
+        There is no tile, or a corner is no finite number.
+    """
+    box = connection.execute("SELECT min(xmin), min(ymin), max(xmax), max(ymax) FROM tile").fetchone()
+    if not all(isinstance(value, _NUMBER) and math.isfinite(value) for value in box):
+        raise StoreFormatError(path, "table tile", "found no tile or a corner that is no finite number", "R-130")
+    return Extent(*(float(value) for value in box))
