@@ -75,17 +75,26 @@ def test_filled(grid, bounds):
         assert any(flags.any() for flags in h.face_is_filled) == bool(np.isnan(grid.heights).any())
 
 
-@settings(deadline=None, max_examples=40)
-@given(grids(), falling(), st.integers(-40, 40), st.booleans())
-def test_powers_of_two_change_nothing(grid, bounds, power, is_bounded):
-    """Heights and bounds scaled by a power of two give the same floats but for the exponent, so the same faces."""
-    scale = 2.0**power
+def assert_scaled(grid, scale, one, other):
+    """Build a surface and the same one in other units; everything is the same but for the unit of z."""
     scaled = dataclasses.replace(grid, heights=grid.heights * scale)
-    if is_bounded:
-        one, other = {"max_error": bounds}, {"max_error": [bound * scale for bound in bounds]}
-    else:
-        one, other = {"passes": 2, "tolerance": bounds[0]}, {"passes": 2, "tolerance": bounds[0] * scale}
     h, g = build_hierarchy(grid, **one), build_hierarchy(scaled, **other)
     assert (h.nodes * (1.0, 1.0, scale)).tobytes() == g.nodes.tobytes()
     assert [faces.tobytes() for faces in h.level_faces] == [faces.tobytes() for faces in g.level_faces]
     assert [error * scale for error in h.max_error] == list(g.max_error)
+
+
+@settings(deadline=None, max_examples=40)
+@given(grids(), falling(), st.integers(-40, 40))
+def test_powers_of_two_change_nothing(grid, bounds, power):
+    """Heights and bounds scaled by a power of two give the same floats but for the exponent, so the same faces."""
+    scale = 2.0**power
+    assert_scaled(grid, scale, {"max_error": bounds}, {"max_error": [bound * scale for bound in bounds]})
+
+
+@settings(deadline=None, max_examples=40)
+@given(grids(), st.floats(0.1, 20.0), st.integers(-10, 10))
+def test_powers_of_two_change_nothing_in_pass_mode(grid, tolerance, power):
+    """As above, within what the allowance for rounding leaves: it is so many metres whatever the heights."""
+    scale = 2.0**power
+    assert_scaled(grid, scale, {"passes": 2, "tolerance": tolerance}, {"passes": 2, "tolerance": tolerance * scale})

@@ -155,7 +155,7 @@ def build(
 
 
 def build_hierarchy(
-    grid: Grid, *, method: str = "wynne", fill: bool = False, seed: int = 0, **options: Any
+    grid: Grid, /, *, method: str = "wynne", fill: bool = False, seed: int = 0, **options: Any
 ) -> Hierarchy:
     """Build the levels of one grid in memory, as one tile.
 

@@ -29,6 +29,9 @@ from vpfx.topology import find_twins
 
 __all__ = ["METHOD", "build"]
 
+ROUNDING = 1e-9  # metres: heights that differ by less are taken as equal in pass mode
+LEAST_SHARE = 1e-6  # of an edge: nearer to an end, or to an edge from inside, a node would make a face without area
+
 # Bounded mode (figures and reasons: specs/methods.md M-140)
 GUARD = 0.62  # an edge may break if it is at least this share of the longest edge of both its faces
 MIDDLE = 0.35  # a break keeps this share of the edge from both its ends
@@ -49,6 +52,7 @@ DEFAULTS: dict[str, Any] = {
     "start": "grid",
     "start_posts": 200,
 }
+PASS_OPTIONS = ("tolerance", "xy_tolerance", "xy_ratio")
 SQUARE = 72  # posts to a side of a start square in bounded mode
 
 
@@ -143,7 +147,7 @@ def _reach_bound(mesh: _Mesh, level: int, bound: float, diagonal: str) -> None:
 
 def _one_pass(mesh: _Mesh, level: int, options: Mapping[str, Any]) -> None:
     """Look once at every edge and every face, as the paper does."""
-    tolerance, share = options["tolerance"], options["xy_ratio"]
+    tolerance, share = options["tolerance"] + ROUNDING, max(options["xy_ratio"], LEAST_SHARE)
     away = options["xy_tolerance"] / mesh.patch.post_metres[1]
     found = mesh.scan(tolerance, ScanRule(band=-1.0, end_share=0.0, inner_share=share, inner_away=away))
     pending = mesh.state(level)
@@ -162,31 +166,49 @@ def levels(options: Mapping[str, Any]) -> list[LevelRule | None]:
     InputError
         Neither or both of max_error and passes are given, or a value makes no sense.
     """
-    bounds, passes = options["max_error"], options["passes"]
-    if (bounds is None) == (passes is None):
+    _check_choices(options)
+    if options["max_error"] is not None:
+        return [LevelRule(bound * (1.0 - BOUND_SLACK), MIDDLE, 0.0, 0.0, True) for bound in _checked_bounds(options)]
+    tolerance, away, share = (options[name] for name in PASS_OPTIONS)
+    is_good = 0 <= tolerance < np.inf and 0 <= away < np.inf and 0 <= share < 0.5
+    if not is_good or not isinstance(options["passes"], int) or not 0 <= options["passes"] < MOST_LEVELS:
+        raise InputError(
+            f"wynne: found passes {options['passes']}, tolerances {tolerance}, {away}, {share}, expected 0 … "
+            f"{MOST_LEVELS - 1} whole passes, tolerances from 0 and an xy_ratio below 0.5"
+        )
+    rule = LevelRule(tolerance + ROUNDING, 0.0, away, max(share, LEAST_SHARE), False)
+    return [None, *[rule] * options["passes"]]
+
+
+def _check_choices(options: Mapping[str, Any]) -> None:
+    """Refuse options that contradict each other or are none of the choices."""
+    if (options["max_error"] is None) == (options["passes"] is None):
         raise InputError("wynne: found neither or both of max_error and passes, expected one of them")
+    if options["passes"] is None and any(options[name] != DEFAULTS[name] for name in PASS_OPTIONS):
+        raise InputError("wynne: found a tolerance of pass mode without passes, expected both or none")
     if options["diagonal"] not in DIAGONALS:
         raise InputError(f"wynne: found diagonal {options['diagonal']!r}, expected one of: {', '.join(DIAGONALS)}")
     if options["start"] not in ("grid", "delaunay"):
         raise InputError(f"wynne: found start {options['start']!r}, expected grid or delaunay")
-    if passes is None and any(options[name] != DEFAULTS[name] for name in ("tolerance", "xy_tolerance", "xy_ratio")):
-        raise InputError("wynne: found a tolerance of pass mode without passes, expected both or none")
-    if options["start_posts"] < 1 or (options["grid"] and min(options["grid"]) < 1):
-        raise InputError("wynne: found start_posts or grid below 1, expected positive numbers")
-    if (len(bounds) if passes is None else passes) > MOST_LEVELS:
-        raise InputError(f"wynne: found more than {MOST_LEVELS} levels")
-    if bounds is not None:
-        bounds = list(bounds)
-        if not bounds or any(not np.isfinite(b) or b <= 0 for b in bounds):
-            raise InputError(f"wynne: found max_error {bounds}, expected positive numbers of metres")
-        if any(fine >= coarse for coarse, fine in pairwise(bounds)):
-            raise InputError(f"wynne: found max_error {bounds}, expected each smaller than the one before")
-        return [LevelRule(bound * (1.0 - BOUND_SLACK), MIDDLE, 0.0, 0.0, True) for bound in bounds]
-    is_good = 0 <= options["tolerance"] < np.inf and 0 <= options["xy_tolerance"] < np.inf
-    if passes < 0 or not is_good or not 0 <= options["xy_ratio"] < 0.5:
-        raise InputError("wynne: found a negative number of passes or tolerance, or xy_ratio outside 0 … 0.5")
-    rule = LevelRule(options["tolerance"], 0.0, options["xy_tolerance"], options["xy_ratio"], False)
-    return [None, *[rule] * passes]
+    grid = options["grid"]
+    if grid is not None and (len(grid) != 2 or any(not isinstance(n, int) or n < 1 for n in grid)):
+        raise InputError(f"wynne: found grid {grid}, expected columns and rows of squares")
+    if options["start_posts"] < 1:
+        raise InputError(f"wynne: found start_posts {options['start_posts']}, expected at least 1")
+
+
+def _checked_bounds(options: Mapping[str, Any]) -> list[float]:
+    """Bounds as numbers, checked to be positive and falling."""
+    given = options["max_error"]
+    try:
+        bounds = [] if isinstance(given, str) else [float(bound) for bound in given]
+    except (TypeError, ValueError):
+        bounds = []
+    if not 0 < len(bounds) <= MOST_LEVELS or any(not 0 < bound < np.inf for bound in bounds):
+        raise InputError(f"wynne: found max_error {given}, expected 1 … {MOST_LEVELS} positive numbers of metres")
+    if any(fine >= coarse for coarse, fine in pairwise(bounds)):
+        raise InputError(f"wynne: found max_error {given}, expected each smaller than the one before")
+    return bounds
 
 
 def squares(options: Mapping[str, Any], n_row: int, n_col: int) -> tuple[int, int]:

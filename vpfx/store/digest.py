@@ -44,12 +44,15 @@ def _columns(rows: Sequence[Sequence[Any]]) -> list[NDArray[Any]]:
     """Columns of rows as they were when written."""
     columns: list[NDArray[Any]] = []
     for values in zip(*rows, strict=True):
-        if isinstance(values[0], bytes):
+        kinds = {type(value) for value in values}
+        if kinds == {bytes}:
             columns.append(np.frombuffer(b"".join(values), np.uint8))
-        elif isinstance(values[0], float):
+        elif kinds == {float}:
             columns.append(np.array(values, np.float64))
-        else:
+        elif kinds <= {int, type(None)}:
             columns.append(np.array([NULL if value is None else value for value in values], np.int64))
+        else:  # no column that vpfx wrote: any other bytes will do
+            columns.append(np.frombuffer(repr(values).encode(), np.uint8))
     return columns
 
 

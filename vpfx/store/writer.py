@@ -40,6 +40,12 @@ def check_target(path: Path, overwrite: bool) -> None:
     StoreError
         There is a file that may not be replaced, or a folder, or no folder to put it in.
     """
+    try:
+        os.lstat(path)
+    except FileNotFoundError:
+        pass
+    except OSError as error:
+        raise StoreError(f"{path}: cannot be written: {error.strerror}") from error
     if path.is_dir():
         raise StoreError(f"{path}: found a folder, expected a file name")
     if not path.parent.is_dir():
