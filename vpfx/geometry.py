@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+from numba import njit
 from numpy.typing import NDArray
 
 __all__ = ["face_shapes", "face_slopes"]
@@ -10,13 +11,18 @@ __all__ = ["face_shapes", "face_slopes"]
 Floats = NDArray[np.float64]
 
 
-def _gradients(nodes: Floats, face_nodes: NDArray[np.int32]) -> tuple[Floats, Floats]:
-    a, b, c = (nodes[face_nodes[:, i]] for i in range(3))
-    p, q = b - a, c - a
-    area = p[:, 0] * q[:, 1] - q[:, 0] * p[:, 1]
-    east = (p[:, 2] * q[:, 1] - q[:, 2] * p[:, 1]) / area
-    north = (q[:, 2] * p[:, 0] - p[:, 2] * q[:, 0]) / area
-    return east, north
+@njit(nogil=True, cache=True)
+def _slopes(nodes, face_nodes, slope, aspect):
+    """Fill slope and aspect, degrees, of every face; NaN aspect for level ground."""
+    for face in range(len(face_nodes)):
+        a, b, c = face_nodes[face]
+        x1, y1, z1 = nodes[b, 0] - nodes[a, 0], nodes[b, 1] - nodes[a, 1], nodes[b, 2] - nodes[a, 2]
+        x2, y2, z2 = nodes[c, 0] - nodes[a, 0], nodes[c, 1] - nodes[a, 1], nodes[c, 2] - nodes[a, 2]
+        area = x1 * y2 - x2 * y1
+        east, north = (z1 * y2 - z2 * y1) / area, (z2 * x1 - z1 * x2) / area
+        steepness = np.hypot(east, north)
+        slope[face] = np.degrees(np.arctan(steepness))
+        aspect[face] = np.degrees(np.arctan2(-east, -north)) % 360.0 if steepness > 0.0 else np.nan
 
 
 def face_slopes(nodes: Floats, face_nodes: NDArray[np.int32]) -> tuple[Floats, Floats]:
@@ -43,10 +49,9 @@ def face_slopes(nodes: Floats, face_nodes: NDArray[np.int32]) -> tuple[Floats, F
     >>> face_slopes(np.array([[0, 0, 0], [1, 0, 1], [0, 1, 0.0]]), np.array([[0, 1, 2]]))
     (array([45.]), array([270.]))
     """
-    east, north = _gradients(nodes, face_nodes)
-    steepness = np.hypot(east, north)
-    aspect = np.degrees(np.arctan2(-east, -north)) % 360.0
-    return np.degrees(np.arctan(steepness)), np.where(steepness > 0, aspect, np.nan)
+    slope, aspect = np.empty(len(face_nodes)), np.empty(len(face_nodes))
+    _slopes(np.ascontiguousarray(nodes, np.float64), np.ascontiguousarray(face_nodes, np.int32), slope, aspect)
+    return slope, aspect
 
 
 def face_shapes(nodes: Floats, face_nodes: NDArray[np.int32]) -> tuple[Floats, Floats]:

@@ -9,7 +9,8 @@ from __future__ import annotations
 import json
 import os
 import sqlite3
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from types import TracebackType
 from typing import Any
@@ -23,7 +24,7 @@ from vpfx.store.ddl import schema_sql
 from vpfx.store.digest import Digest
 from vpfx.store.geopackage import APPLICATION_ID, USER_VERSION, register
 from vpfx.store.pages import PageWriter
-from vpfx.store.rows import FirstIds, LevelRows, NodeRows, OpenSides, Place, border_rows, tile_rows
+from vpfx.store.rows import FirstIds, LevelRows, NodeRows, OpenSides, Place, Table, border_rows, tile_rows
 from vpfx.store.summary import LevelSummary
 from vpfx.store.tiles import Tile, Tiling
 
@@ -86,6 +87,7 @@ class StoreWriter:
         self._shared: list[NodeRows] = []
         self._border_digests = [Digest() for _ in range(tiling.n_level)]
         self._tile_levels: list[tuple[Any, ...]] = []
+        self._hashing = ThreadPoolExecutor(1)  # hashing leaves the interpreter to the others
         n = tiling.n_level
         self._counts = np.zeros((n, 3), np.int64)  # nodes first seen at the level, edges, faces
         self._errors = np.zeros((n, 3))  # greatest error, sum of squares, posts
@@ -139,16 +141,15 @@ class StoreWriter:
         children, parents = part.links
         by_parent = np.lexsort((children, parents))
         tables = {"node": nodes.table(), "edge": part.edges, "face": part.faces, "parent_child": part.links}
-        digest = Digest()
+        digest = self._hashing.submit(_digest, list(tables.values()))
         limits: list[int | None] = []
         for name, table in tables.items():
             self._pages.append(name, table)
-            digest.add(table)
             if name != "parent_child":
                 limits += [int(table[0][0]), int(table[0][-1])] if len(table[0]) else [None, None]
         self._pages.append("parent_child_by_parent", (parents[by_parent], children[by_parent]))
         number = tile.number * self._tiling.n_level + level + 1
-        self._tile_levels.append((number, tile.number + 1, level, *limits, digest.value()))
+        self._tile_levels.append((number, tile.number + 1, level, *limits, digest))
         self._counts[level] += len(nodes.node_id), len(part.edges[0]), len(part.faces[0])
         self._open[level].append(part.open_sides)
 
@@ -228,7 +229,8 @@ class StoreWriter:
         connection.executemany("INSERT INTO tile VALUES (?, ?, ?, ?, ?, ?)", tiles)
         boxes = [(number, xmin, xmax, ymin, ymax) for number, _, xmin, ymin, xmax, ymax in tiles]
         connection.executemany("INSERT INTO tile_index VALUES (?, ?, ?, ?, ?)", boxes)
-        connection.executemany(f"INSERT INTO tile_level VALUES ({', '.join('?' * 10)})", self._tile_levels)
+        tile_levels = [(*row, digest.result()) for *row, digest in self._tile_levels]
+        connection.executemany(f"INSERT INTO tile_level VALUES ({', '.join('?' * 10)})", tile_levels)
         lines = self._tiling.row_lines[-1], self._tiling.col_lines[-1]
         whole = Tile(0, 0, 0, 0, int(lines[0]), 0, int(lines[1]))
         register(connection, self._wkt, self._extent(whole), len(summary))
@@ -270,5 +272,14 @@ class StoreWriter:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
+        self._hashing.shutdown(cancel_futures=True)
         self._pages.__exit__(kind, error, trace)
         self._discard()
+
+
+def _digest(tables: Sequence[Table]) -> bytes:
+    """Digest of the rows of some tables."""
+    digest = Digest()
+    for table in tables:
+        digest.add(table)
+    return digest.value()
