@@ -131,7 +131,11 @@ def _reach_bound(mesh: _Mesh, level: int, bound: float, diagonal: str) -> None:
     """Cut until no post is off by more than the bound and the fixed borders have all nodes of the level."""
     bound *= 1.0 - BOUND_SLACK
     for _ in range(MOST_PASSES):
-        found = mesh.scan(bound, BAND)
+        try:
+            found = mesh.scan(bound, BAND)
+        except ZeroDivisionError:
+            advice = "its faces get smaller than coordinates can tell apart; give a larger bound"
+            raise InputError(f"max_error: found {bound:g} m, too small for this DEM: {advice}") from None
         pending = mesh.state(level)
         length = breaks.side_lengths(mesh.nodes, mesh.face_nodes, mesh.patch.aspect)
         breaks.choose_breaks(
@@ -245,7 +249,7 @@ def build(patch: Patch, options: Mapping[str, Any]) -> Hierarchy:
         if rule is None:
             pass
         elif rule.repeats:
-            _reach_bound(mesh, level, options["max_error"][level], options["diagonal"])
+            _reach_bound(mesh, level, _checked_bounds(options)[level], options["diagonal"])
         else:
             _one_pass(mesh, level, options)
         if rule is None or not rule.repeats:
@@ -261,7 +265,7 @@ def build(patch: Patch, options: Mapping[str, Any]) -> Hierarchy:
     node_level = np.repeat(np.arange(len(counts), dtype=np.int32), np.diff(counts, prepend=0))
     return Hierarchy(
         mesh.nodes, node_level, tuple(faces), tuple(links), tuple(filled),
-        tuple(options["max_error"] or [float("nan")] * len(faces)), errors, squared, posts,
+        tuple(_checked_bounds(options) if options["passes"] is None else [float("nan")] * len(faces)), errors, squared, posts,
     )  # fmt: skip
 
 

@@ -11,6 +11,7 @@ import os
 import sqlite3
 from collections.abc import Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import suppress
 from pathlib import Path
 from types import TracebackType
 from typing import Any
@@ -45,8 +46,8 @@ def check_target(path: Path, overwrite: bool) -> None:
         os.lstat(path)
     except FileNotFoundError:
         pass
-    except OSError as error:
-        raise StoreError(f"{path}: cannot be written: {error.strerror}") from error
+    except (OSError, ValueError) as error:  # too long, or with a zero byte
+        raise StoreError(f"{str(path)!r}: cannot be written: {error}") from error
     if path.is_dir():
         raise StoreError(f"{path}: found a folder, expected a file name")
     if not path.parent.is_dir():
@@ -264,7 +265,8 @@ class StoreWriter:
 
     def _discard(self) -> None:
         for suffix in ("", "-journal"):
-            self._temporary.with_name(self._temporary.name + suffix).unlink(missing_ok=True)
+            with suppress(OSError):  # the error that led here is the one to tell
+                self._temporary.with_name(self._temporary.name + suffix).unlink(missing_ok=True)
 
     def __enter__(self) -> StoreWriter:
         return self
