@@ -56,8 +56,8 @@ def test_every_choice_of_voids(options, part):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("options", [{"max_error": (0.2,)}, {"passes": 1}], ids=str)
-def test_every_grid_of_three_heights(options):
-    for heights in grids_of((0.0, 1.0, 2.0)):
+def test_every_seventh_grid_of_three_heights(options):
+    for heights in itertools.islice(grids_of((0.0, 1.0, 2.0)), 0, None, 7):
         judged(Grid(heights), options)
 
 

@@ -218,7 +218,7 @@ def test_random_voids(tmp_path_factory, drawn, mode, fill):
 
 
 @pytest.mark.slow
-@settings(deadline=None, max_examples=300)
+@settings(deadline=None, max_examples=100)
 @given(masks(), st.sampled_from([*MODES]), st.booleans())
 def test_many_random_voids(tmp_path_factory, drawn, mode, fill):
     judge_masked(tmp_path_factory.mktemp("voids"), drawn, mode, fill)
