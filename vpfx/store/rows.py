@@ -168,14 +168,15 @@ def _level_rows(
     previous_edge = edge_id[mesh.previous]
     face_of_side = np.repeat(face_ids, 3)
     outside, follower = _outside(mesh, known, edge_id)
-    has_twin = mesh.twin >= 0
-    after = np.where(has_twin, previous_edge[mesh.twin], NULL)
-    after[outside] = follower  # -1 only where border_rows writes the row
     own = np.flatnonzero(is_own)
+    twin = mesh.twin[own]
+    after = previous_edge[twin]
+    alone = np.flatnonzero(twin < 0)
+    after[alone] = follower[np.searchsorted(outside, own[alone])]  # -1 only where border_rows writes the row
     tile_id = np.full(len(own), known.tile.number + 1, np.int64)
     edges = (
         edge_id[own], tile_id, np.full(len(own), level, np.int64), known.ids[mesh.start[own]], known.ids[mesh.end[own]],
-        np.where(has_twin, face_of_side[mesh.twin], NULL)[own], face_of_side[own], after[own], previous_edge[own],
+        np.where(twin < 0, NULL, face_of_side[twin]), face_of_side[own], after, previous_edge[own],
     )  # fmt: skip
     slope, aspect = face_slopes(metric, faces)
     nodes, by_face = known.ids[faces], edge_id.reshape(-1, 3)
@@ -190,8 +191,8 @@ def _level_rows(
     if level:
         pairs = hierarchy.links[level - 1]
         links = (face_ids[pairs[:, 1]], parents[pairs[:, 0]])
-    shared = (known.ids[mesh.start] <= known.n_shared_id) | (known.ids[mesh.end] <= known.n_shared_id)
-    at = np.flatnonzero(~has_twin & shared)
+    ends = known.ids[mesh.start[outside]], known.ids[mesh.end[outside]]
+    at = outside[np.minimum(*ends) <= known.n_shared_id]
     start, end = mesh.start[at], mesh.end[at]
     open_sides = OpenSides(
         edge_id[at], known.ids[start], known.ids[end], face_of_side[at], previous_edge[at],
