@@ -47,7 +47,8 @@ def check_target(path: Path, overwrite: bool) -> None:
     except FileNotFoundError:
         pass
     except (OSError, ValueError) as error:  # too long, or with a zero byte
-        raise StoreError(f"{str(path)!r}: cannot be written: {error}") from error
+        name = str(path).replace("\0", "\\0")
+        raise StoreError(f"{name}: cannot be written: {error}") from error
     if path.is_dir():
         raise StoreError(f"{path}: found a folder, expected a file name")
     if not path.parent.is_dir():
