@@ -20,9 +20,10 @@ def _slopes(nodes, face_nodes, slope, aspect):
         x2, y2, z2 = nodes[c, 0] - nodes[a, 0], nodes[c, 1] - nodes[a, 1], nodes[c, 2] - nodes[a, 2]
         area = x1 * y2 - x2 * y1
         east, north = (z1 * y2 - z2 * y1) / area, (z2 * x1 - z1 * x2) / area
-        steepness = np.hypot(east, north)
+        steepness = np.sqrt(east * east + north * north)
         slope[face] = np.degrees(np.arctan(steepness))
-        aspect[face] = np.degrees(np.arctan2(-east, -north)) % 360.0 if steepness > 0.0 else np.nan
+        direction = np.degrees(np.arctan2(-east, -north)) if steepness > 0.0 else np.nan
+        aspect[face] = direction + 360.0 if direction < 0.0 else direction
 
 
 def face_slopes(nodes: Floats, face_nodes: NDArray[np.int32]) -> tuple[Floats, Floats]:

@@ -6,35 +6,14 @@ an edge is a pair of twin sides, or a side without twin on the outside.
 
 from __future__ import annotations
 
-from typing import NamedTuple
-
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-__all__ = ["Sides", "find_twins", "outside_links", "sides"]
+__all__ = ["find_twins", "outside_links"]
 
 Indices = NDArray[np.int64]
 NONE = -1
-
-
-class Sides(NamedTuple):
-    """Sides of a mesh.
-
-    Attributes
-    ----------
-    start, end : int64 (3 * n_face,)
-        Node indices.
-    twin : int64 (3 * n_face,)
-        The side that runs the other way; -1 outside.
-    previous : int64 (3 * n_face,)
-        The side of the same face that ends where this one starts: the next edge counter-clockwise round its start node.
-    """
-
-    start: Indices
-    end: Indices
-    twin: Indices
-    previous: Indices
 
 
 @njit(nogil=True, cache=True)
@@ -62,65 +41,42 @@ def find_twins(face_nodes, n_node):
     >>> find_twins(np.array([[0, 1, 2], [2, 1, 3]], dtype=np.int32), 4).tolist()
     [-1, 3, -1, 1, -1, -1]
     """
-    n_side = 3 * len(face_nodes)
+    n_face = len(face_nodes)
     bucket = np.zeros(n_node + 1, np.int32)
-    for face in range(len(face_nodes)):
+    for face in range(n_face):
         for i in range(3):
             bucket[face_nodes[face, i] + 1] += 1
     for node in range(n_node):
         bucket[node + 1] += bucket[node]
     fill = bucket[:-1].copy()
-    sides = np.empty(n_side, np.int32)
-    for side in range(n_side):
-        start = face_nodes[side // 3, side % 3]
-        sides[fill[start]] = side
-        fill[start] += 1
-    twin = np.full(n_side, NONE, np.int32)
-    for side in range(n_side):
-        if twin[side] != NONE:
-            continue
-        face, i = side // 3, side % 3
-        start, end = face_nodes[face, i], face_nodes[face, (i + 1) % 3]
-        for slot in range(bucket[end], bucket[end + 1]):
-            other = sides[slot]
-            if face_nodes[other // 3, (other % 3 + 1) % 3] == start:
-                twin[side] = other
-                twin[other] = side
-                break
+    sides, ends = np.empty(3 * n_face, np.int32), np.empty(3 * n_face, np.int32)
+    for face in range(n_face):
+        for i in range(3):
+            slot = fill[face_nodes[face, i]]
+            fill[face_nodes[face, i]] += 1
+            sides[slot], ends[slot] = 3 * face + i, face_nodes[face, (i + 1) % 3]
+    twin = np.full(3 * n_face, NONE, np.int32)
+    for face in range(n_face):
+        for i in range(3):
+            if twin[3 * face + i] != NONE:
+                continue
+            start, end = face_nodes[face, i], face_nodes[face, (i + 1) % 3]
+            for slot in range(bucket[end], bucket[end + 1]):
+                if ends[slot] == start:
+                    twin[3 * face + i] = sides[slot]
+                    twin[sides[slot]] = 3 * face + i
+                    break
     return twin
 
 
-def sides(face_nodes: NDArray[np.int32], n_node: int) -> Sides:
-    """Sides of a mesh and their twins.
-
-    Parameters
-    ----------
-    face_nodes : int32 (n_face, 3)
-        Node indices, counter-clockwise.
-    n_node : int
-        Number of nodes.
-
-    Examples
-    --------
-    >>> sides(np.array([[0, 1, 2], [2, 1, 3]], dtype=np.int32), 4).twin.tolist()
-    [-1, 3, -1, 1, -1, -1]
-    """
-    start = face_nodes.ravel().astype(np.int64)
-    end = np.roll(face_nodes, -1, axis=1).ravel().astype(np.int64)
-    index = np.arange(len(start), dtype=np.int64)
-    previous = np.where(index % 3 == 0, index + 2, index - 1)
-    twin = find_twins(np.ascontiguousarray(face_nodes, dtype=np.int32), n_node).astype(np.int64)
-    return Sides(start, end, twin, previous)
-
-
 def outside_links(
-    start: Indices, end: Indices, east: NDArray[np.float64], north: NDArray[np.float64]
+    start: NDArray[np.integer], end: NDArray[np.integer], east: NDArray[np.float64], north: NDArray[np.float64]
 ) -> NDArray[np.int64]:
     """Next side over the outside for every side that has no twin.
 
     Parameters
     ----------
-    start, end : int64 (n_side,)
+    start, end : integers (n_side,)
         Node of each end; any numbers that are equal for equal nodes.
     east, north : float64 (n_side,)
         Direction from start to end.

@@ -10,9 +10,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["Digest", "read_digest"]
+from vpfx.store.records import NULL_INT
 
-NULL = np.iinfo(np.int64).min
+__all__ = ["Digest", "read_digest"]
 
 _TABLES = (
     ("node", "node_id, tile_id, level, x, y, z, xyz", "node_id BETWEEN {first_node} AND {last_node}", "node_id"),
@@ -50,7 +50,7 @@ def _columns(rows: Sequence[Sequence[Any]]) -> list[NDArray[Any]]:
         elif kinds == {float}:
             columns.append(np.array(values, np.float64))
         elif kinds <= {int, type(None)}:
-            columns.append(np.array([NULL if value is None else value for value in values], np.int64))
+            columns.append(np.array([NULL_INT if value is None else value for value in values], np.int64))
         else:  # no column that vpfx wrote: any other bytes will do
             columns.append(np.frombuffer(repr(values).encode(), np.uint8))
     return columns

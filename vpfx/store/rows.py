@@ -11,18 +11,17 @@ from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
+from numba import njit
 from numpy.typing import NDArray
 
 from vpfx.errors import InvariantError
 from vpfx.geometry import face_slopes
 from vpfx.model import Hierarchy
+from vpfx.store.records import NULL_INT
 from vpfx.store.tiles import EAST, NORTH, SOUTH, WEST, Tile, Tiling
-from vpfx.topology import Sides, outside_links, sides
+from vpfx.topology import find_twins, outside_links
 
-__all__ = ["NULL", "FirstIds", "LevelRows", "NodeRows", "Place", "TileRows", "border_rows", "tile_rows"]
-
-NULL = np.iinfo(np.int64).min
-"""Stands for NULL in integer columns."""
+__all__ = ["FirstIds", "LevelRows", "NodeRows", "Place", "TileRows", "border_rows", "tile_rows"]
 
 Ids = NDArray[np.int64]
 Table = tuple[NDArray[Any], ...]
@@ -162,84 +161,138 @@ def _level_rows(
     hierarchy: Hierarchy, level: int, known: _TileNodes, metric: NDArray[np.float64], face_ids: Ids, parents: Ids,
     first_edge: int,
 ) -> LevelRows:  # fmt: skip
-    faces = hierarchy.level_faces[level]
-    mesh = sides(faces, len(known.ids))
-    edge_id, is_border, is_forward, is_own = _edge_ids(mesh, known, level, first_edge)
-    previous_edge = edge_id[mesh.previous]
-    face_of_side = np.repeat(face_ids, 3)
-    outside, follower = _outside(mesh, known, edge_id)
-    own = np.flatnonzero(is_own)
-    twin = mesh.twin[own]
-    after = previous_edge[twin]
-    alone = np.flatnonzero(twin < 0)
-    after[alone] = follower[np.searchsorted(outside, own[alone])]  # -1 only where border_rows writes the row
-    tile_id = np.full(len(own), known.tile.number + 1, np.int64)
-    edges = (
-        edge_id[own], tile_id, np.full(len(own), level, np.int64), known.ids[mesh.start[own]], known.ids[mesh.end[own]],
-        np.where(twin < 0, NULL, face_of_side[twin]), face_of_side[own], after, previous_edge[own],
-    )  # fmt: skip
-    slope, aspect = face_slopes(metric, faces)
-    nodes, by_face = known.ids[faces], edge_id.reshape(-1, 3)
-    aspect_units = np.where(np.isnan(aspect), 0, np.round(np.nan_to_num(aspect) * 100)).astype(np.int64) % 36000
-    face_rows = (
-        face_ids, np.full(len(faces), known.tile.number + 1, np.int64), np.full(len(faces), level, np.int64),
-        nodes[:, 0], nodes[:, 1], nodes[:, 2], by_face[:, 0], by_face[:, 1], by_face[:, 2],
-        hierarchy.face_is_filled[level].astype(np.int64), np.round(slope * 100).astype(np.int64),
-        np.where(np.isnan(aspect), NULL, aspect_units),
-    )  # fmt: skip
+    faces = np.ascontiguousarray(hierarchy.level_faces[level], np.int32)
+    twin = find_twins(faces, len(known.ids))
+    outside, given_id = _outside_sides(faces, twin, known, level)
+    edge_id, next_edge = _number_edges(twin, outside.at, given_id, first_edge)
+    follower = _followers(outside, known, edge_id)
+    tile_id = known.tile.number + 1
+    edges = np.empty((9, next_edge - first_edge), np.int64)
+    edges[0] = np.arange(first_edge, next_edge)
+    edges[1:3] = [[tile_id], [level]]
+    _fill_edges(faces, twin, known.ids, edge_id, follower, first_edge, face_ids, edges[3:])
+    face_rows = np.empty((12, len(faces)), np.int64)
+    face_rows[0], face_rows[1], face_rows[2] = face_ids, tile_id, level
+    face_rows[9] = hierarchy.face_is_filled[level]
+    _fill_faces(faces, known.ids, edge_id, *face_slopes(metric, faces), face_rows[3:])
     links: Table = (np.empty(0, np.int64), np.empty(0, np.int64))
     if level:
         pairs = hierarchy.links[level - 1]
         links = (face_ids[pairs[:, 1]], parents[pairs[:, 0]])
-    ends = known.ids[mesh.start[outside]], known.ids[mesh.end[outside]]
-    at = outside[np.minimum(*ends) <= known.n_shared_id]
-    start, end = mesh.start[at], mesh.end[at]
+    is_open = np.minimum(known.ids[outside.start], known.ids[outside.end]) <= known.n_shared_id
+    at, start, end = outside.at[is_open], outside.start[is_open], outside.end[is_open]
     open_sides = OpenSides(
-        edge_id[at], known.ids[start], known.ids[end], face_of_side[at], previous_edge[at],
-        known.u[end] - known.u[start], known.v[end] - known.v[start], is_border[at], is_forward[at],
+        edge_id[at], known.ids[start], known.ids[end], face_ids[at // 3], edge_id[at // 3 * 3 + (at + 2) % 3],
+        known.u[end] - known.u[start], known.v[end] - known.v[start],
+        outside.is_border[is_open], outside.is_forward[is_open],
     )  # fmt: skip
-    return LevelRows(edges, face_rows, links, open_sides)
+    return LevelRows(tuple(edges), tuple(face_rows), links, open_sides)
 
 
-def _edge_ids(
-    mesh: Sides, known: _TileNodes, level: int, first_edge: int
-) -> tuple[Ids, NDArray[np.bool_], NDArray[np.bool_], NDArray[np.bool_]]:
-    """Edge id of every side; whether it lies on a border, runs in the edge's direction, and stands for the edge."""
-    index = np.arange(len(mesh.twin))
-    edge_id = np.zeros(len(index), np.int64)
-    is_border = np.zeros(len(index), bool)
-    is_forward = np.ones(len(index), bool)
+class _Outside(NamedTuple):
+    """Sides without twin.
+
+    `is_border`: on a border between tiles; `is_forward`: in the edge's direction.
+    """
+
+    at: NDArray[np.int64]
+    start: NDArray[np.int32]
+    end: NDArray[np.int32]
+    is_border: NDArray[np.bool_]
+    is_forward: NDArray[np.bool_]
+
+
+def _outside_sides(
+    faces: NDArray[np.int32], twin: NDArray[np.int32], known: _TileNodes, level: int
+) -> tuple[_Outside, Ids]:
+    """Sides without twin, in order, and the edge ids of those whose rows `border_rows` writes; 0 for the others."""
+    at = np.flatnonzero(twin < 0)
+    start, end = faces[at // 3, at % 3], faces[at // 3, (at + 1) % 3]
+    edge_id = np.zeros(len(at), np.int64)
+    is_border = np.zeros(len(at), bool)
+    is_forward = np.ones(len(at), bool)
     n_row, n_col = known.tile.shape
-    alone = mesh.twin < 0
     lines = {SOUTH: (known.v, 0, known.u), EAST: (known.u, n_col - 1, known.v),
              NORTH: (known.v, n_row - 1, known.u), WEST: (known.u, 0, known.v)}  # fmt: skip
     for side, (across, line, along) in lines.items():
         border = known.tiling.border(known.tile, side)
         if border < 0:
             continue
-        on = np.flatnonzero(alone & (across[mesh.start] == line) & (across[mesh.end] == line))
-        offset = np.minimum(along[mesh.start[on]], along[mesh.end[on]]).astype(np.int64)
+        on = np.flatnonzero((across[start] == line) & (across[end] == line))
+        offset = np.minimum(along[start[on]], along[end[on]]).astype(np.int64)
         edge_id[on] = known.tiling.border_edge_id(border, level, offset)
         is_border[on] = True
         is_forward[on] = side in (SOUTH, EAST)  # counter-clockwise round the tile: east in the south, north in the east
-    is_late = alone & ~is_border & (known.ids[mesh.end] <= known.n_shared_id)
+    is_late = ~is_border & (known.ids[end] <= known.n_shared_id)
     edge_id[is_late] = known.tiling.late_edge_id(known.tile, level, np.arange(int(is_late.sum())))
-    is_own = ~is_border & ~is_late & (alone | (index < mesh.twin))
-    edge_id[is_own] = first_edge + np.arange(int(is_own.sum()))
-    other = np.flatnonzero(~alone & ~is_own)
-    edge_id[other] = edge_id[mesh.twin[other]]
-    return edge_id, is_border, is_forward, is_own
+    return _Outside(at, start, end, is_border, is_forward), edge_id
 
 
-def _outside(mesh: Sides, known: _TileNodes, edge_id: Ids) -> tuple[NDArray[np.int64], Ids]:
-    """Sides without twin and the next edge over the outside of each, -1 where other tiles have a say."""
-    at = np.flatnonzero(mesh.twin < 0)
-    start, end = mesh.start[at], mesh.end[at]
+def _followers(outside: _Outside, known: _TileNodes, edge_id: Ids) -> Ids:
+    """Return the next edge over the outside of each side without twin, -1 where other tiles have a say."""
+    start, end = outside.start, outside.end
     follower = outside_links(start, end, known.u[end] - known.u[start], known.v[end] - known.v[start])
     is_shared = known.ids[end] <= known.n_shared_id
     if (follower[~is_shared] < 0).any():
         raise InvariantError(f"tile {known.tile.name}: found an outline that does not close")
-    return at, np.where(is_shared, -1, edge_id[at][follower])
+    return np.where(is_shared, -1, edge_id[outside.at][follower])
+
+
+@njit(nogil=True, cache=True)
+def _number_edges(twin, outside, given_id, next_id):  # type: ignore[no-untyped-def]
+    """Return the edge id of every side and the next free one.
+
+    Sides without twin (`outside`, in order) have the id given if that is not 0. All other edges are counted from `next_id`
+    in the order of their first sides.
+    """
+    edge_id = np.zeros(len(twin), np.int64)
+    for i in range(len(outside)):
+        edge_id[outside[i]] = given_id[i]
+    for side in range(len(twin)):
+        if 0 <= twin[side] < side:
+            edge_id[side] = edge_id[twin[side]]
+        elif edge_id[side] == 0:
+            edge_id[side] = next_id
+            next_id += 1
+    return edge_id, next_id
+
+
+@njit(nogil=True, cache=True)
+def _fill_edges(face_nodes, twin, node_id, edge_id, follower, first_edge, face_id, rows):  # type: ignore[no-untyped-def]
+    """Fill start_node … left_edge, int64 (6, n_edge), of the edges from id `first_edge` on.
+
+    `follower` has the next edge over the outside for each side without twin, in order.
+    """
+    n_outside = 0
+    for side in range(len(twin)):
+        face, other = side // 3, twin[side]
+        if 0 <= other < side:
+            continue
+        after = NULL_INT
+        if other < 0:
+            after = follower[n_outside]
+            n_outside += 1
+        else:
+            after = edge_id[other + 2 if other % 3 == 0 else other - 1]
+        row = edge_id[side] - first_edge
+        if row >= 0:
+            rows[0, row] = node_id[face_nodes[face, side % 3]]
+            rows[1, row] = node_id[face_nodes[face, (side + 1) % 3]]
+            rows[2, row] = NULL_INT if other < 0 else face_id[other // 3]
+            rows[3, row] = face_id[face]
+            rows[4, row] = after
+            rows[5, row] = edge_id[side + 2 if side % 3 == 0 else side - 1]
+
+
+@njit(nogil=True, cache=True)
+def _fill_faces(face_nodes, node_id, edge_id, slope, aspect, rows):  # type: ignore[no-untyped-def]
+    """Fill node_1 … edge_3 and the slope and aspect, degrees in centidegrees, of rows (9, n_face) of faces."""
+    for face in range(len(face_nodes)):
+        for i in range(3):
+            rows[i, face] = node_id[face_nodes[face, i]]
+            rows[3 + i, face] = edge_id[3 * face + i]
+        rows[7, face] = np.int64(np.rint(slope[face] * 100.0))
+        rows[8, face] = NULL_INT if np.isnan(aspect[face]) else np.int64(np.rint(aspect[face] * 100.0)) % 36000
 
 
 def border_rows(parts: Sequence[OpenSides], level: int, tiling: Tiling) -> Table:
@@ -270,13 +323,13 @@ def border_rows(parts: Sequence[OpenSides], level: int, tiling: Tiling) -> Table
     right_edge = np.where(right >= 0, sides_of.previous_edge[right], follower[left])
     left_edge = np.where(left >= 0, sides_of.previous_edge[left], follower[right])
     late = np.flatnonzero(~sides_of.is_border & (sides_of.end_id <= tiling.n_border_node_id))
-    nothing = np.full(len(late), NULL)
+    nothing = np.full(len(late), NULL_INT)
     columns = (
         (edge_id, sides_of.edge_id[late]),
         (start, sides_of.start_id[late]),
         (end, sides_of.end_id[late]),
-        (np.where(right >= 0, sides_of.face_id[right], NULL), nothing),
-        (np.where(left >= 0, sides_of.face_id[left], NULL), sides_of.face_id[late]),
+        (np.where(right >= 0, sides_of.face_id[right], NULL_INT), nothing),
+        (np.where(left >= 0, sides_of.face_id[left], NULL_INT), sides_of.face_id[late]),
         (right_edge, follower[late]),
         (left_edge, sides_of.previous_edge[late]),
     )
