@@ -20,7 +20,8 @@ from surfaces import hills, noise, query, write_dem
 from vpfx.dem import read_grid
 from vpfx.errors import InputError, VpfxError
 from vpfx.pipeline import build
-from vpfx.store.digest import read_digest
+from vpfx.store.digest import Digest, read_digest
+from vpfx.store.records import NULL_INT
 from vpfx.store.tiles import Tiling
 
 CELL = Path(__file__).resolve().parents[1] / "fixtures" / "dem" / "new_mexico_cell_5min_1arcsec.tif"
@@ -283,13 +284,28 @@ def border_digest(connection, level):
     edges = f"SELECT * FROM edge WHERE level = ? AND edge_id < ({first.format('edge')}) ORDER BY edge_id"
     for sql in (nodes, edges):
         for column in zip(*connection.execute(sql, (level,)), strict=True):
-            for value in column:
-                if isinstance(value, bytes):
-                    digest.update(value)
-                else:
-                    number = -(2**63) if value is None else value
-                    digest.update(struct.pack("<d" if isinstance(number, float) else "<q", number))
+            digest.update(column_bytes(column))
     return digest.digest()
+
+
+def column_bytes(column):
+    """What R-140 says goes in for a column."""
+    if isinstance(column[0], bytes):
+        return b"".join(column)
+    if isinstance(column[0], float):
+        return struct.pack(f"<{len(column)}d", *column)
+    is_short = all(value is None or -(2**31) < value < 2**31 for value in column)
+    null, code = (-(2**31), "i") if is_short else (-(2**63), "q")
+    return struct.pack(f"<{len(column)}{code}", *(null if value is None else value for value in column))
+
+
+@pytest.mark.parametrize(
+    "column", [[0, -1, None], [2**31 - 1, 1 - 2**31], [2**31, None], [-(2**31)], [2**62, 0]], ids=str
+)
+def test_width_of_integers_in_digests(column):
+    digest = Digest()
+    digest.add([np.array([NULL_INT if value is None else value for value in column])])
+    assert digest.value() == hashlib.blake2b(column_bytes(column), digest_size=16).digest()
 
 
 def digests_of(connection):
@@ -350,7 +366,7 @@ def test_digests_notice_any_changed_value(pierced_store, table, row, column, cha
         connection.execute(f"UPDATE {table} SET {names[column]} = ? WHERE {where}", values)
         try:
             found = digests_of(connection)
-        except (VpfxError, struct.error):  # found out too
+        except (VpfxError, TypeError, struct.error):  # found out too
             found = None
         assert found != stored_digests(connection), f"{table} {values[1:]}: {names[column]} {old!r} → {new!r}"
         connection.rollback()

@@ -8,11 +8,14 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
+from numba import njit
 from numpy.typing import NDArray
 
 from vpfx.store.records import NULL_INT
 
 __all__ = ["Digest", "read_digest"]
+
+MOST_WORD = 2**31 - 1
 
 _TABLES = (
     ("node", "node_id, tile_id, level, x, y, z, xyz", "node_id BETWEEN {first_node} AND {last_node}", "node_id"),
@@ -25,19 +28,33 @@ _TABLES = (
 
 
 class Digest:
-    """BLAKE2b, 16 bytes, over columns of rows: integers as 8 little-endian bytes (NULL the least), reals as doubles."""
+    """BLAKE2b, 16 bytes, over columns of rows; what goes in for which value is said in specs/format.md R-140."""
 
     def __init__(self) -> None:
         self._hash = hashlib.blake2b(digest_size=16)
 
     def add(self, columns: Sequence[NDArray[Any]]) -> None:
-        """Take the columns of some rows of one table, each column whole."""
+        """Take the columns of some rows of one table, each column whole: int64, with NULL_INT for NULL, or other bytes."""
         for column in columns:
+            if column.dtype == np.int64:
+                words = np.empty(len(column), "<i4")
+                column = words if _shorten(column, words) else column
             self._hash.update(np.ascontiguousarray(column).data)
 
     def value(self) -> bytes:
         """Return the digest."""
         return self._hash.digest()
+
+
+@njit(nogil=True, cache=True)
+def _shorten(column, words):  # type: ignore[no-untyped-def]
+    """Copy integers to `words`, int32, NULL as the least; return whether all have room there."""
+    has_room = True
+    for i in range(len(column)):
+        is_null = column[i] == NULL_INT
+        has_room = has_room and (is_null or abs(column[i]) <= MOST_WORD)
+        words[i] = -MOST_WORD - 1 if is_null else column[i]
+    return has_room
 
 
 def _columns(rows: Sequence[Sequence[Any]]) -> list[NDArray[Any]]:
