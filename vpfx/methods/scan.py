@@ -39,37 +39,37 @@ class ScanRule(NamedTuple):
 
 
 class Candidates(NamedTuple):
-    """What a scan found: places where a mesh is off by more than the bound.
+    """What a scan of some faces found: places where a mesh is off by more than the bound.
 
     Attributes
     ----------
-    side_error : float64 (3 * n_face,)
+    slot : int32 (n_face,)
+        Place of each face of the mesh in the arrays below, -1 if it was not scanned.
+    side_error : float64 (3 * n_scan,)
         Greatest error over the bound among the posts in the band of the side, 0 for none.
-    side_along : float64 (3 * n_face,)
+    side_along : float64 (3 * n_scan,)
         Foot of that post on the side: 0 at its start, 1 at its end.
-    side_post : int64 (3 * n_face,)
+    side_post : int64 (3 * n_scan,)
         That post: row × n_col + column.
-    face_error : float64 (n_face,)
-        Greatest error in the face, metres; infinite before the first scan.
-    face_post : int64 (n_face,)
-        Its post, -1 for none.
-    inner_post : int64 (n_face,)
+    face_post : int64 (n_scan,)
+        Post of the greatest error in the face, -1 for none.
+    inner_post : int64 (n_scan,)
         Post in the middle of the face with the greatest error over the bound, -1 for none.
     """
 
+    slot: np.ndarray
     side_error: np.ndarray
     side_along: np.ndarray
     side_post: np.ndarray
-    face_error: np.ndarray
     face_post: np.ndarray
     inner_post: np.ndarray
 
 
-def candidates(face_error: np.ndarray) -> Candidates:
-    """Room for the candidates of a mesh whose greatest errors are known (infinite where not)."""
-    n = len(face_error)
-    none = np.full(n, NONE, np.int64)
-    return Candidates(np.zeros(3 * n), np.zeros(3 * n), np.full(3 * n, NONE, np.int64), face_error, none, none.copy())
+def candidates(faces: np.ndarray, slot: np.ndarray) -> Candidates:
+    """Room for the candidates of some faces, and their places in `slot`."""
+    n = len(faces)
+    slot[faces] = np.arange(n, dtype=np.int32)
+    return Candidates(slot, np.zeros(3 * n), np.empty(3 * n), np.empty(3 * n, np.int64), *np.empty((2, n), np.int64))
 
 
 @njit(nogil=True, cache=True)
@@ -108,24 +108,25 @@ def surface_height(heights, u, v):
 
 
 @njit(nogil=True, cache=True, inline="always")
-def _columns(ax, ay, bx, by, cx, cy, row, n_col):
-    """First and last column of the posts of one row inside the face a, b, c, edges included."""
-    low, high = min(ax, bx, cx), max(ax, bx, cx)
-    for px, py, qx, qy in ((ax, ay, bx, by), (bx, by, cx, cy), (cx, cy, ax, ay)):
-        if qy > py:  # the inside lies to the west of a northward edge
-            high = min(high, px + (qx - px) * ((row - py) / (qy - py)))
-        elif qy < py:
-            low = max(low, px + (qx - px) * ((row - py) / (qy - py)))
+def _columns(corner, steps, row, n_col):
+    """First and last column of the posts of one row inside a face, edges included."""
+    low, high = -1.0, float(n_col)
+    for i in range(3):
+        crossing = corner[i, 0] + steps[i, 6] * (row - corner[i, 1])
+        if steps[i, 1] < 0.0:  # the inside lies to the west of a northward edge
+            high = min(high, crossing)
+        elif steps[i, 1] > 0.0:
+            low = max(low, crossing)
     return max(0, int(np.ceil(low - EDGE_SLACK))), min(n_col - 1, int(np.floor(high + EDGE_SLACK)))
 
 
 @njit(nogil=True, cache=True, inline="always")
 def _measure_sides(corner, area, aspect, band, inner_share, inner_away, steps):
-    """Fill steps (3, 6) with what decides whether a post at (col, row) counts for side i.
+    """Fill steps (3, 7) with what decides whether a post at (col, row) counts for side i.
 
     cross = steps[i, 0] + steps[i, 1] * col + steps[i, 2] * row is twice the area between side and post, so its distance
     times a length; up to steps[i, 3] the post is in the band, from steps[i, 4] on it is in the middle. steps[i, 5] is
-    the squared length.
+    the squared length, steps[i, 6] how far the side goes east for each row to the north.
     """
     for i in range(3):
         j = (i + 1) % 3
@@ -137,17 +138,18 @@ def _measure_sides(corner, area, aspect, band, inner_share, inner_away, steps):
         steps[i, 3] = band * width
         steps[i, 4] = max(inner_share * area, inner_away * width)
         steps[i, 5] = square
+        steps[i, 6] = east / north if north != 0.0 else 0.0
 
 
 @njit(nogil=True, cache=True)
-def scan_faces(nodes, face_nodes, heights, residual, bound, aspect, rule, found):
-    """Compare every face whose greatest error is over the bound, or unknown, with its posts.
+def scan_faces(faces, mesh, heights, residual, bound, aspect, rule, face_error, found):
+    """Compare some faces with their posts.
 
     Parameters
     ----------
-    nodes : float64 (n_node, 3)
-        u, v in posts, height in metres.
-    face_nodes : int32 (n_face, 3)
+    faces : int32 (n_scan,)
+    mesh : tuple
+        `Forest.mesh`.
     heights : float64 (n_row, n_col)
         Metres; NaN posts are passed over.
     residual : float64 (n_row, n_col)
@@ -158,6 +160,8 @@ def scan_faces(nodes, face_nodes, heights, residual, bound, aspect, rule, found)
         Width of a post spacing divided by its height.
     rule : tuple
         A `ScanRule`: which posts count for an edge and which for the middle of a face.
+    face_error : float64 (n_face,)
+        Takes the greatest error in each face, metres.
     found : tuple
         `Candidates`, changed in place. Both as plain tuples: numba takes longer to open named ones than most calls run.
 
@@ -166,12 +170,12 @@ def scan_faces(nodes, face_nodes, heights, residual, bound, aspect, rule, found)
     Cost: O(posts of the faces looked at).
     """
     n_row, n_col = heights.shape
-    side_error, side_along, side_post, face_error, face_post, inner_post = found
+    nodes, face_nodes, _ = mesh
+    _, side_error, side_along, side_post, face_post, inner_post = found
     band, least, inner_share, inner_away = rule
-    corner, steps = np.empty((3, 3)), np.empty((3, 6))
-    for face in range(len(face_nodes)):
-        if face_error[face] <= bound:
-            continue
+    corner, steps = np.empty((3, 3)), np.empty((3, 7))
+    for k in range(len(faces)):
+        face = faces[k]
         for i in range(3):
             for j in range(3):
                 corner[i, j] = nodes[face_nodes[face, i], j]
@@ -186,7 +190,7 @@ def scan_faces(nodes, face_nodes, heights, residual, bound, aspect, rule, found)
         south = max(0, int(np.ceil(min(ay, by, cy) - EDGE_SLACK)))
         top = min(n_row - 1, int(np.floor(max(ay, by, cy) + EDGE_SLACK)))
         for row in range(south, top + 1):
-            first, last = _columns(ax, ay, bx, by, cx, cy, row, n_col)
+            first, last = _columns(corner, steps, row, n_col)
             base = az + north * (row - ay) - gradient * ax
             for col in range(first, last + 1):
                 error = abs(heights[row, col] - (base + gradient * col))
@@ -198,7 +202,7 @@ def scan_faces(nodes, face_nodes, heights, residual, bound, aspect, rule, found)
                     for i in range(3):
                         cross = steps[i, 0] + steps[i, 1] * col + steps[i, 2] * row
                         is_inner = is_inner and cross >= steps[i, 4]
-                        side = 3 * face + i
+                        side = 3 * k + i
                         if cross <= steps[i, 3] and error > side_error[side]:
                             u, v = (col - corner[i, 0]) * aspect**2, row - corner[i, 1]
                             along = (u * steps[i, 2] - v * steps[i, 1]) / steps[i, 5]
@@ -206,7 +210,7 @@ def scan_faces(nodes, face_nodes, heights, residual, bound, aspect, rule, found)
                                 side_error[side], side_along[side], side_post[side] = error, along, row * n_col + col
                     if is_inner and error > inner:
                         inner, inner_at = error, row * n_col + col
-        face_error[face], face_post[face], inner_post[face] = worst, worst_post, inner_at
+        face_error[face], face_post[k], inner_post[k] = worst, worst_post, inner_at
 
 
 @njit(nogil=True, cache=True)

@@ -21,13 +21,16 @@ from vpfx.errors import InputError, InvariantError
 from vpfx.methods import breaks
 from vpfx.methods.base import Method, Patch
 from vpfx.methods.borders import LevelRule
-from vpfx.methods.cut import cut_faces
+from vpfx.methods.cut import choose_diagonals
+from vpfx.methods.forest import Forest
 from vpfx.methods.scan import Candidates, ScanRule, candidates, measure, scan_faces
 from vpfx.methods.start import start_mesh
 from vpfx.model import Hierarchy
-from vpfx.topology import find_twins
 
 __all__ = ["METHOD", "build"]
+
+Faces = NDArray[np.int32]
+Breaks = NDArray[np.float64]
 
 ROUNDING = 1e-9  # metres: heights that differ by less are taken as equal in pass mode
 LEAST_SHARE = 1e-6  # of an edge: nearer to an end, or to an edge from inside, a node would make a face without area
@@ -57,109 +60,101 @@ SQUARE = 72  # posts to a side of a start square in bounded mode
 
 
 class _Mesh:
-    """The mesh in the making: flat arrays, replaced as a whole by every pass."""
+    """The mesh in the making over one patch."""
 
     def __init__(self, patch: Patch, options: Mapping[str, Any]) -> None:
         n_row, n_col = patch.heights.shape
         significant = options["start_posts"] if options["start"] == "delaunay" else 0
         start = start_mesh(patch, *squares(options, n_row, n_col), significant)
         row, col = start.posts[:, 0], start.posts[:, 1]
+        nodes = np.stack([col, row, patch.heights[row, col]], axis=1).astype(np.float64)
         self.patch = patch
-        self.nodes = np.stack([col, row, patch.heights[row, col]], axis=1).astype(np.float64)
-        self.face_nodes = np.ascontiguousarray(start.face_nodes)
-        self.side_twin = find_twins(self.face_nodes, len(self.nodes))
-        self.is_filled = start.is_filled
-        self.face_error = np.full(len(self.face_nodes), np.inf)
-        self.ancestor = np.arange(len(self.face_nodes), dtype=np.int32)
+        self.forest = Forest(nodes, np.ascontiguousarray(start.face_nodes), start.is_filled)
+        self.leaves = np.arange(self.forest.n_face, dtype=np.int32)
         self.residual = np.full(patch.heights.shape, np.nan)
+        self.diagonal = DIAGONALS[options["diagonal"]]
         most = max(len(border.rank) for border in patch.borders)
         self.ranks = np.stack([np.pad(b.rank, (0, most - len(b.rank))) for b in patch.borders])
 
-    def limits(self, level: int) -> NDArray[np.int64]:
-        """Ranks below which posts of the four borders are nodes at a level, -1 for borders that are not fixed."""
-        return np.array([b.limit[level] if b.is_fixed else -1 for b in self.patch.borders], np.int64)
-
-    def scan(self, bound: float, rule: ScanRule) -> Candidates:
-        """Compare the faces not known to hold the bound with their posts."""
-        found = candidates(self.face_error)
+    def scan(self, faces: Faces, bound: float, rule: ScanRule) -> Candidates:
+        """Compare faces with their posts."""
+        forest, patch = self.forest, self.patch
+        found = candidates(faces, forest.slot)
         scan_faces(
-            self.nodes, self.face_nodes, self.patch.heights, self.residual, bound, self.patch.aspect, tuple(rule),
+            faces, forest.mesh, patch.heights, self.residual, bound, patch.aspect, tuple(rule), forest.face_error,
             tuple(found),
         )  # fmt: skip
         return found
 
-    def state(self, level: int) -> tuple[Any, Any, Any, int]:
-        """Empty states and nodes of all sides, with the breaks of the fixed borders already in."""
-        n_side = len(self.side_twin)
-        state, side_node = np.zeros(n_side, np.int8), np.full(n_side, -1, np.int32)
-        new_nodes = np.empty((2 * n_side // 3 + 3, 3)) if n_side else np.empty((0, 3))
-        count = breaks.force_border_breaks(
-            self.nodes, self.face_nodes, self.side_twin, self.ranks, self.limits(level), self.patch.heights.shape,
-            state, side_node, new_nodes, self.patch.heights,
-        )  # fmt: skip
-        return state, side_node, new_nodes, count
+    def break_borders(self, faces: Faces, level: int) -> tuple[Faces, Breaks]:
+        """Return the sides of faces that fixed borders break at a level, and their nodes."""
+        limits = np.array([b.limit[level] if b.is_fixed else -1 for b in self.patch.borders], np.int64)
+        broken, breaks_ = np.empty(3 * len(faces), np.int32), np.empty((3 * len(faces), 3))
+        n = breaks.force_border_breaks(
+            faces, self.forest.mesh, self.ranks, limits, self.patch.heights, self.forest.side_state, broken, breaks_
+        )
+        return broken[:n], breaks_[:n]
 
-    def cut(self, pending: Any, found: Candidates, bound: float, middle: float, diagonal: str) -> bool:
-        """Place the chosen breaks and cut; tell whether anything was cut."""
-        state, side_node, new_nodes, count = pending
-        patch = self.patch
-        face_node = np.full(len(self.face_nodes), -1, np.int32)
-        most = count + int((state == breaks.BROKEN).sum()) + len(self.face_nodes)
-        room = np.empty((most, 3))
-        room[:count] = new_nodes[:count]
-        count = breaks.place_nodes(
-            self.nodes, self.face_nodes, self.side_twin, patch.heights, bound, middle, state, tuple(found), side_node,
-            face_node, room, count,
+    def cut(self, faces: Faces, broken: Faces, places: Breaks, bound: float, found: Candidates) -> Faces:
+        """Break sides, and scanned faces without a broken side inside; return the children, none if nothing was cut."""
+        forest, patch = self.forest, self.patch
+        seed = patch.seed + forest.n_node
+        most = 2 * len(broken) + len(faces)
+        to_cut, post = np.empty(most, np.int32), np.empty(most, np.int64)
+        n_cut = breaks.list_cuts(
+            faces, broken, forest.n_node, forest.mesh, bound, forest.face_error, forest.side_node, tuple(found), to_cut, post
         )  # fmt: skip
-        if count == 0:
-            return False
-        flip = breaks.choose_diagonals(
-            self.nodes, room[:count], self.face_nodes, side_node, patch.heights, patch.aspect, DIAGONALS[diagonal],
-            patch.seed + len(self.nodes),
-        )  # fmt: skip
-        child, twin, parent = cut_faces(self.face_nodes, self.side_twin, side_node, face_node, flip)
-        is_cut = np.bincount(parent, minlength=len(self.face_nodes))[parent] > 1
-        self.face_error = np.where(is_cut, np.inf, found.face_error[parent])
-        self.nodes = np.concatenate([self.nodes, room[:count]])
-        self.face_nodes, self.side_twin = child, twin
-        self.is_filled = self.is_filled[parent]
-        self.ancestor = self.ancestor[parent]
-        return True
+        to_cut, post = to_cut[:n_cut], post[:n_cut]
+        row, col = np.divmod(post[post >= 0], patch.heights.shape[1])
+        forest.add_nodes(places)
+        inner_node = np.where(post >= 0, forest.n_node - (n_cut - len(row)) + np.arange(n_cut), -1).astype(np.int32)
+        forest.add_nodes(np.stack([col, row, patch.heights[row, col]], axis=1))
+        is_flipped = choose_diagonals(
+            to_cut, forest.nodes, forest.face_nodes, forest.side_node, patch.heights, patch.aspect, self.diagonal, seed
+        )
+        return forest.cut(to_cut, inner_node, is_flipped)
 
 
-def _reach_bound(mesh: _Mesh, level: int, bound: float, diagonal: str) -> None:
+def _reach_bound(mesh: _Mesh, level: int, bound: float) -> None:
     """Cut until no post is off by more than the bound and the fixed borders have all nodes of the level."""
+    forest, patch = mesh.forest, mesh.patch
     bound *= 1.0 - BOUND_SLACK
+    over, new = mesh.leaves[forest.face_error[mesh.leaves] > bound], mesh.leaves
     for _ in range(MOST_PASSES):
         try:
-            found = mesh.scan(bound, BAND)
+            found = mesh.scan(over, bound, BAND)
         except ZeroDivisionError:
             advice = "its faces get smaller than coordinates can tell apart; give a larger bound"
             raise InputError(f"max_error: found {bound:g} m, too small for this DEM: {advice}") from None
-        pending = mesh.state(level)
-        length = breaks.side_lengths(mesh.nodes, mesh.face_nodes, mesh.patch.aspect)
-        breaks.choose_breaks(
-            mesh.nodes, mesh.face_nodes, mesh.side_twin, mesh.patch.heights.shape[1], bound, mesh.patch.aspect, GUARD,
-            length, pending[0], tuple(found),
+        forced, forced_places = mesh.break_borders(new, level)
+        chosen = breaks.choose_breaks(
+            over, forest.mesh, patch.heights.shape[1], bound, patch.aspect, GUARD, forest.face_error, forest.side_state,
+            tuple(found),
         )  # fmt: skip
-        if not mesh.cut(pending, found, bound, MIDDLE, diagonal):
-            if (mesh.face_error > bound).any():
+        places = np.empty((len(chosen), 3))
+        breaks.place_nodes(chosen, forest.mesh, patch.heights, bound, MIDDLE, tuple(found), places)
+        new = mesh.cut(over, np.concatenate([forced, chosen]), np.concatenate([forced_places, places]), bound, found)
+        if len(new) == 0:
+            if (forest.face_error[over] > bound).any():
                 raise InvariantError(f"wynne: level {level}: found a face off by more than {bound} m that nothing cuts")
             return
+        is_left = (forest.face_error[over] > bound) & forest.is_leaf(over)
+        over = np.concatenate([over[is_left], new])
     raise InvariantError(f"wynne: level {level}: found no end after {MOST_PASSES} passes")
 
 
 def _one_pass(mesh: _Mesh, level: int, options: Mapping[str, Any]) -> None:
     """Look once at every edge and every face, as the paper does."""
+    forest, patch, faces = mesh.forest, mesh.patch, mesh.leaves
     tolerance, share = options["tolerance"] + ROUNDING, max(options["xy_ratio"], LEAST_SHARE)
-    away = options["xy_tolerance"] / mesh.patch.post_metres[1]
-    found = mesh.scan(tolerance, ScanRule(band=-1.0, end_share=0.0, inner_share=share, inner_away=away))
-    pending = mesh.state(level)
-    breaks.find_significant(
-        mesh.nodes, mesh.face_nodes, mesh.side_twin, mesh.patch.heights, mesh.patch.aspect, tolerance, away, share,
-        pending[0], tuple(found),
-    )  # fmt: skip
-    mesh.cut(pending, found, tolerance, 0.0, options["diagonal"])
+    away = options["xy_tolerance"] / patch.post_metres[1]
+    found = mesh.scan(faces, tolerance, ScanRule(band=-1.0, end_share=0.0, inner_share=share, inner_away=away))
+    forced, forced_places = mesh.break_borders(faces, level)
+    chosen, places = np.empty(3 * len(faces), np.int32), np.empty((3 * len(faces), 3))
+    n = breaks.find_significant(
+        faces, forest.mesh, patch.heights, patch.aspect, tolerance, away, share, forest.side_state, chosen, places
+    )
+    mesh.cut(faces, np.concatenate([forced, chosen[:n]]), np.concatenate([forced_places, places[:n]]), tolerance, found)
 
 
 def levels(options: Mapping[str, Any]) -> list[LevelRule | None]:
@@ -243,28 +238,26 @@ def build(patch: Patch, options: Mapping[str, Any]) -> Hierarchy:
     """
     rules = levels(options)
     mesh = _Mesh(patch, options)
+    forest = mesh.forest
     faces, links, filled, counts, measures = [], [], [], [], []
     for level, rule in enumerate(rules):
-        mesh.ancestor = np.arange(len(mesh.face_nodes), dtype=np.int32)
-        if rule is None:
-            pass
-        elif rule.repeats:
-            _reach_bound(mesh, level, _checked_bounds(options)[level], options["diagonal"])
-        else:
+        if rule is not None and rule.repeats:
+            _reach_bound(mesh, level, _checked_bounds(options)[level])
+        elif rule is not None:
             _one_pass(mesh, level, options)
+        mesh.leaves, parent = forest.leaves(mesh.leaves)
         if rule is None or not rule.repeats:
-            mesh.face_error[:] = np.inf
-            mesh.scan(0.0, BAND)
+            mesh.scan(mesh.leaves, 0.0, BAND)
         if level:
-            links.append(np.stack([mesh.ancestor, np.arange(len(mesh.ancestor), dtype=np.int32)], axis=1))
-        faces.append(mesh.face_nodes)
-        filled.append(mesh.is_filled)
-        counts.append(len(mesh.nodes))
+            links.append(np.stack([parent, np.arange(len(parent), dtype=np.int32)], axis=1))
+        faces.append(forest.face_nodes[mesh.leaves])
+        filled.append(forest.is_filled[mesh.leaves])
+        counts.append(forest.n_node)
         measures.append(measure(mesh.residual, patch.is_owned))
     errors, squared, posts = zip(*measures, strict=True)
     node_level = np.repeat(np.arange(len(counts), dtype=np.int32), np.diff(counts, prepend=0))
     return Hierarchy(
-        mesh.nodes, node_level, tuple(faces), tuple(links), tuple(filled),
+        forest.nodes[: forest.n_node].copy(), node_level, tuple(faces), tuple(links), tuple(filled),
         tuple(_checked_bounds(options) if options["passes"] is None else [float("nan")] * len(faces)), errors, squared, posts,
     )  # fmt: skip
 
