@@ -153,6 +153,10 @@ def test_bands_scale_and_offset(tmp_path):
     for band in (0, 3):
         with pytest.raises(InputError, match=rf"a\.tif: found no band {band}, expected 1…2; number of bands: 2"):
             open_dem(path, band=band)
+    for band in (1.0, True, "1"):
+        with pytest.raises(InputError, match=r"band: found .*, expected a whole number"):
+            open_dem(path, band=band)
+    np.testing.assert_array_equal(read_all(path, band=np.uint8(1)), ramp(3, 3))
     with pytest.raises(DemFormatError, match="band 1: found complex64 values"):
         open_dem(write_tiff(tmp_path / "complex.tif", ramp(3, 3, "complex64")))
 
