@@ -40,7 +40,7 @@ def check_target(path: Path, overwrite: bool) -> None:
     Raises
     ------
     StoreError
-        There is a file that may not be replaced, or a folder, or no folder to put it in.
+        There is a file or link that may not be replaced, or a folder, or no folder to put it in.
     """
     try:
         os.lstat(path)
@@ -53,8 +53,9 @@ def check_target(path: Path, overwrite: bool) -> None:
         raise StoreError(f"{path}: found a folder, expected a file name")
     if not path.parent.is_dir():
         raise StoreError(f"{path}: found no folder {path.parent}, expected one to put the store in")
-    if path.exists() and not overwrite:
-        raise StoreError(f"{path}: found an existing file; give another name or --overwrite")
+    if os.path.lexists(path) and not overwrite:
+        found = "an existing file" if os.path.exists(path) else "a link that leads nowhere"
+        raise StoreError(f"{path}: found {found}; give another name or --overwrite")
 
 
 class StoreWriter:
