@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import errno
 import math
+import re
 import resource
 import signal
 import subprocess
@@ -368,4 +370,18 @@ def test_full_disk_leaves_the_old_store(target, store, share):
     with largest_file(int(share * store.stat().st_size)):
         message = failing_build(dem, output, overwrite=True)
     assert "\n" not in message
-    assert output.name in message
+    assert message.startswith(f"{output}: cannot be written: ")
+    assert ".tmp" not in message
+
+
+@pytest.mark.parametrize("at", ["PageFile.__init__", "PageFile.flush", "PageFile.finish", "Spool.__init__", "os.fsync"])
+def test_what_the_medium_refuses_is_told_under_the_name_given(at, target, monkeypatch):
+    """Whatever file the system names, hidden ones as a rule."""
+    dem, output = target
+
+    def refuse(*_):
+        raise OSError(errno.ENOSPC, "No space left on device", f".{output.name}.17.tmp")
+
+    monkeypatch.setattr(at if at.startswith("os.") else f"vpfx.store.page_file.{at}", refuse)
+    message = failing_build(dem, output, overwrite=True)
+    assert re.fullmatch(rf"{re.escape(str(output))}: cannot be (opened|written): No space left on device", message)
