@@ -348,6 +348,7 @@ def test_nothing_valid_cannot_be_filled():
         build_hierarchy(NO_GROUND["all void"], passes=1, fill=True)
     h = build_hierarchy(NO_GROUND["isolated posts"], passes=1, fill=True)
     assert h.face_is_filled[0].all()
+    judge_hierarchy(h, NO_GROUND["isolated posts"])
     np.testing.assert_allclose(h.nodes[:, 2], 3.0)
 
 

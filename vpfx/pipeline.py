@@ -145,8 +145,7 @@ def build(
                 writer.add(tile, hierarchy, patch.post_metres)
                 if progress:
                     progress(tile.number + 1, tiling.n_tile)
-            if reader.ground.area_m2 <= reader.ground.void_area_m2 and not fill:
-                raise InputError("dem: found no ground with data, expected at least three neighbouring valid posts")
+            _check_ground(reader.ground, fill)
             bounds = list(chosen["max_error"]) if chosen.get("max_error") is not None else [None] * tiling.n_level
             metadata = _metadata(dem, part, chosen, budgets, tiling.tile_size, fill, seed, reader.ground)
             sources = [(s.name, s.sha256, s.n_byte, s.driver) for s in sorted(dem.sources, key=lambda s: s.name)]
@@ -219,6 +218,12 @@ def _built(
             yield first, its_patch, result.result()
 
 
+def _check_ground(ground: Ground, fill: bool) -> None:
+    """Refuse a DEM that gives no faces."""
+    if ground.area_m2 <= ground.void_area_m2 and not fill:
+        raise InputError("dem: found no ground with data, expected at least three neighbouring valid posts")
+
+
 def _checked_budgets(max_faces: Any, options: Mapping[str, Any]) -> list[int]:
     """Budgets as whole numbers, checked to rise and to be the only mode chosen."""
     if options.get("max_error") is not None or options.get("passes") is not None:
@@ -239,7 +244,9 @@ def _fit_budget(
         chosen = {**options, "max_error": bounds}
         tiling = Tiling(dem.n_row, dem.n_col, tile_size, len(bounds))
         reader = PatchReader(dem, tiling, method, chosen, fill, seed)
-        return sum(h.tin(len(bounds) - 1).n_face for _, _, h in _built(reader, tiling, method, chosen, n_worker))
+        count = sum(h.tin(len(bounds) - 1).n_face for _, _, h in _built(reader, tiling, method, chosen, n_worker))
+        _check_ground(reader.ground, fill)
+        return count
 
     bounds: list[float] = []
     for budget in budgets:
