@@ -49,7 +49,7 @@ RMSE = 1e-6
 
 
 class Figures(NamedTuple):
-    """What was counted and measured at one level; errors are NaN where there were no posts to measure at."""
+    """What was counted and measured at one level; errors are NaN where no posts were given to measure at."""
 
     level: int
     bound: float
@@ -147,7 +147,7 @@ def judge_hierarchy(hierarchy: Any, grid: Any) -> list[Figures]:
         measured = judge_bound(nodes, faces, h.face_is_filled[k], grid, bound=bound, label=label)
         n_post = h.n_post[k]
         require(n_post == measured.n_post, f"level {k}: n_post is {n_post}, measured {measured.n_post}")
-        judge_figures(measured, bound, h.max_error[k], math.sqrt(h.squared_error[k] / n_post), label)
+        judge_figures(measured, bound, h.max_error[k], math.sqrt(h.squared_error[k] / max(n_post, 1)), label)
         if k:
             links = np.asarray(h.links[k - 1])
             label.accuse(np.diff(links[:, 1]) < 0, lambda i: f"link {i + 1}: links are not sorted by child")

@@ -129,7 +129,9 @@ def judge_cover(nodes: Any, face_nodes: Any, posts: Any, ground: Ground, *, labe
     characteristic must then agree too and are compared as further witnesses.
     """
     xy, faces = np.asarray(nodes, np.float64)[:, :2], np.asarray(face_nodes, np.int64)
-    label.accuse(len(ground.key) == 0 and len(faces) > 0, lambda _: "faces, but no ground with data")
+    if len(ground.key) == 0:
+        label.accuse(len(faces) > 0, lambda _: "faces, but no ground with data")
+        return 0.0
     half, n_edge = border_halves(faces, len(xy), label)
     start, end = faces.ravel()[half], np.roll(faces, -1, axis=1).ravel()[half]
     tolerance = coordinate_tolerance(xy, _far_corner(posts))
@@ -255,6 +257,11 @@ def judge_bound(
     bound : float
         Metres; NaN if there is none.
 
+    Returns
+    -------
+    Measured
+        All 0 where there is no ground, as in a store of faces that are all filled (specs/format.md R-121).
+
     Raises
     ------
     AssertionError
@@ -264,7 +271,9 @@ def judge_bound(
     number = np.flatnonzero(~np.asarray(is_filled, bool))
     tolerance = coordinate_tolerance(nodes[:, :2], _far_corner(posts))
     has_post = find_ground(posts.heights).has_post.ravel()
-    label.accuse(not has_post.any(), lambda _: "no ground with data")
+    if not has_post.any():
+        label.accuse(len(number) > 0, lambda _: "faces, but no ground with data")
+        return Measured(0.0, 0.0, 0.0, 0, 0.0, 0.0, 0.0)
     highest = max(np.abs(nodes[:, 2]).max(), np.nanmax(np.abs(posts.heights)))
     planes = _planes(nodes, faces[number], number, (tolerance, float(np.spacing(highest))), label)
     best, face = _interpolate(planes, posts, tolerance, label)

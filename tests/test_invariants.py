@@ -208,6 +208,25 @@ def test_voids():
     invariants.judge_tin(nodes, FINE, expected_area=8.0 / 3600 / 1200)
 
 
+def test_no_ground():
+    """Where nothing has data, faces that are all filled must cover the rectangle, and there is nothing to measure."""
+    hierarchy, posts = example()
+    hierarchy.face_is_filled = [np.ones(len(faces), bool) for faces in hierarchy.level_faces]
+    hierarchy.max_error = hierarchy.squared_error = hierarchy.n_post = [0, 0]
+    void = posts._replace(heights=np.where(HEIGHTS == 17, HEIGHTS, math.nan))
+    figures = invariants.judge_hierarchy(hierarchy, void)
+    assert [(f.n_post, f.max_error, f.rmse, f.n_face) for f in figures] == [(0, 0, 0, 4), (0, 0, 0, 6)]
+    for change, message in (
+        ({"n_post": [0, 1]}, "level 1: n_post is 1, measured 0"),
+        ({"max_error": [0, 1e-9]}, "level 1: max_error is 1e-09, measured 0"),
+        ({"squared_error": [1e-9, 0]}, "level 0: rmse is .*, measured 0"),
+        ({"face_is_filled": [np.ones(4), np.arange(6) > 0]}, "level 1: faces, but no ground with data"),
+        ({"level_faces": [COARSE, FINE[:5]], "face_is_filled": [np.ones(4), np.ones(5)]}, "not lie on the outline"),
+    ):
+        with pytest.raises(AssertionError, match=message):
+            invariants.judge_hierarchy(SimpleNamespace(**{**vars(hierarchy), **change}), void)
+
+
 def test_runs_that_are_covered_in_part():
     """The sides along a run of the outline begin and end with it, and each begins where the last ended."""
     ground = find_ground(HEIGHTS)  # its first run is the northern border, four posts long
@@ -238,7 +257,7 @@ def test_further_witnesses():
     void = posts._replace(heights=np.full(HEIGHTS.shape, math.nan))
     with pytest.raises(AssertionError, match=r"faces, but no ground with data"):
         invariants.judge_tin(nodes, FINE, posts=void)
-    with pytest.raises(AssertionError, match="no ground with data"):
+    with pytest.raises(AssertionError, match="faces, but no ground with data"):
         invariants.judge_bound(nodes, FINE, np.zeros(6, bool), void)
     with pytest.raises(AssertionError, match="face 1: not counter-clockwise"):
         invariants.judge_bound(nodes, [FINE[0], FINE[1][::-1]], np.zeros(2, bool), posts)

@@ -16,7 +16,7 @@ PACKAGE = Path(vpfx.__file__).parent
 
 LAYERS = (
     {"errors"},
-    {"registry", "model"},
+    {"registry", "model", "checks"},
     {"geometry"},
     {"topology"},
     {"dem", "methods", "store"},  # these three do not know each other

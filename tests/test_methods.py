@@ -290,20 +290,37 @@ WRONG_KIND = {
     "one number": {"max_error": 5.0},
     "text": {"max_error": "5,2"},
     "half a pass": {"passes": 1.5},
+    "true passes": {"passes": True},
+    "passes as text": {"passes": "1"},
+    "many passes": {"passes": 32},
+    "half a seed": {"passes": 1, "seed": 1.5},
+    "true seed": {"passes": 1, "seed": True},
+    "negative seed": {"passes": 1, "seed": -1},
+    "long seed": {"passes": 1, "seed": 1 << 31},
+    "tolerance as text": {"passes": 1, "tolerance": "1"},
+    "true tolerance": {"passes": 1, "tolerance": True},
+    "tolerances": {"passes": 1, "tolerance": np.zeros((2, 2))},
     "tolerance that is no number": {"passes": 1, "tolerance": float("nan")},
     "xy-tolerance that is no number": {"passes": 1, "xy_tolerance": float("nan")},
     "no squares": {"passes": 1, "grid": (0, 0)},
     "fewer than no squares": {"passes": 1, "grid": (-1, 2)},
     "one number of squares": {"passes": 1, "grid": (2,)},
     "half squares": {"passes": 1, "grid": (1.5, 2)},
+    "squares as text": {"passes": 1, "grid": "99"},
+    "true squares": {"passes": 1, "grid": (True, 2)},
+    "a number as grid": {"passes": 1, "grid": 9},
+    "a table as grid": {"passes": 1, "grid": np.ones((2, 2), int)},
     "negative start posts": {"passes": 1, "start": "delaunay", "start_posts": -5},
+    "half a start post": {"passes": 1, "start": "delaunay", "start_posts": 2.5},
+    "true start posts": {"passes": 1, "start": "delaunay", "start_posts": np.True_},
 }
 
 
 @pytest.mark.parametrize("name", WRONG_KIND)
 def test_values_of_the_wrong_kind_are_refused(name):
-    with pytest.raises(InputError):
+    with pytest.raises(InputError, match=r"found .*expected") as refused:
         build_hierarchy(SOLID["ramp"], **WRONG_KIND[name])
+    assert "\n" not in str(refused.value)
 
 
 def test_unknown_method_is_refused():
@@ -331,6 +348,7 @@ def test_nothing_valid_cannot_be_filled():
         build_hierarchy(NO_GROUND["all void"], passes=1, fill=True)
     h = build_hierarchy(NO_GROUND["isolated posts"], passes=1, fill=True)
     assert h.face_is_filled[0].all()
+    judge_hierarchy(h, NO_GROUND["isolated posts"])
     np.testing.assert_allclose(h.nodes[:, 2], 3.0)
 
 

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import errno
 import math
+import re
 import resource
 import signal
 import subprocess
@@ -324,6 +326,25 @@ def test_overwrite_must_be_asked_for(dem, tmp_path):
     judge_store(output, dem)
 
 
+LINKS = {"gone.gpkg": "a link that leads nowhere", "a.gpkg": "a link that leads nowhere", "kept": "an existing file"}
+
+
+@pytest.mark.parametrize("leads_to", LINKS)
+def test_a_link_in_the_place_is_a_file(leads_to, tmp_path):
+    """It is replaced if that is asked for; what it leads to is left alone (R-100)."""
+    dem, output = write_dem(tmp_path / "hills.tif", surface()), tmp_path / "a.gpkg"
+    (tmp_path / "kept").write_bytes(b"kept")
+    output.symlink_to(leads_to)
+    message = failing_build(dem, output)
+    assert message == f"{output}: found {LINKS[leads_to]}; give another name or --overwrite"
+    assert output.is_symlink()
+    build(dem, output, max_error=BOUNDS, overwrite=True)
+    assert not output.is_symlink()
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["a.gpkg", "hills.tif", "kept"]
+    assert (tmp_path / "kept").read_bytes() == b"kept"
+    judge_store(output, dem)
+
+
 @pytest.mark.parametrize("name", ["missing/a.gpkg", "hills.tif/a.gpkg", "hills.tif/deeper/a.gpkg", ".", "n" * 300])
 def test_places_that_cannot_be_written(name, tmp_path):
     dem = write_dem(tmp_path / "hills.tif", surface())
@@ -349,4 +370,18 @@ def test_full_disk_leaves_the_old_store(target, store, share):
     with largest_file(int(share * store.stat().st_size)):
         message = failing_build(dem, output, overwrite=True)
     assert "\n" not in message
-    assert output.name in message
+    assert message.startswith(f"{output}: cannot be written: ")
+    assert ".tmp" not in message
+
+
+@pytest.mark.parametrize("at", ["PageFile.__init__", "PageFile.flush", "PageFile.finish", "Spool.__init__", "os.fsync"])
+def test_what_the_medium_refuses_is_told_under_the_name_given(at, target, monkeypatch):
+    """Whatever file the system names, hidden ones as a rule."""
+    dem, output = target
+
+    def refuse(*_):
+        raise OSError(errno.ENOSPC, "No space left on device", f".{output.name}.17.tmp")
+
+    monkeypatch.setattr(at if at.startswith("os.") else f"vpfx.store.page_file.{at}", refuse)
+    message = failing_build(dem, output, overwrite=True)
+    assert re.fullmatch(rf"{re.escape(str(output))}: cannot be (opened|written): No space left on device", message)

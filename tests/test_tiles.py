@@ -102,14 +102,6 @@ def test_tiles_are_as_even_as_posts_allow():
             assert steps.max() <= size < steps.sum() / (len(steps) - 1) if len(steps) > 1 else steps[0] <= size
 
 
-@pytest.mark.parametrize("options", [{"tile_size": 7}, {"tile_size": -8}, {"workers": 0}, {"workers": -1}])
-def test_senseless_numbers_are_refused(options, tmp_path):
-    dem = write_dem(tmp_path / "a.tif", hills(20, 20))
-    with pytest.raises(InputError, match=r"found -?\d.*expected at least"):
-        build(dem, tmp_path / "a.gpkg", **MODES["bounded"], **options)
-    assert not (tmp_path / "a.gpkg").exists()
-
-
 # --- borders ----------------------------------------------------------------------------------------------------------------
 
 
@@ -186,6 +178,37 @@ def test_filled_voids_keep_to_the_heights_around(name, tmp_path):
     assert np.nanmin(heights) - 1e-4 <= z.min() <= z.max() <= np.nanmax(heights) + 1e-4
 
 
+@pytest.mark.parametrize("tile_size", [8, 100])
+def test_posts_that_span_no_ground_can_be_filled(tile_size, tmp_path):
+    """All faces are marked, and no error was measured."""
+    heights = np.full((20, 20), np.nan)
+    heights[::2, ::2] = noise(10, 10)
+    dem = write_dem(tmp_path / "a.tif", heights)
+    report = build_and_judge(dem, tmp_path / "a.gpkg", tile_size=tile_size, fill=True, **MODES["bounded"])
+    assert report.ground.isolated_posts == 100
+    assert query(tmp_path / "a.gpkg", "SELECT min(is_filled), count(*) > 0 FROM face") == [(1, 1)]
+    assert query(tmp_path / "a.gpkg", "SELECT max_error, rmse, post_count FROM level") == [(0.0, 0.0, 0)] * 2
+
+
+@pytest.mark.parametrize("mode", [*MODES, "budgets"])
+@pytest.mark.parametrize("tile_size", [8, 100])
+@pytest.mark.parametrize(("fill", "message"), [(True, "no valid post in the DEM"), (False, "no ground with data")])
+def test_nothing_but_voids_is_refused(fill, message, tile_size, mode, tmp_path):
+    dem = write_dem(tmp_path / "a.tif", np.full((20, 20), np.nan))
+    with pytest.raises(InputError, match=f"found {message}, expected"):
+        build(dem, tmp_path / "a.gpkg", tile_size=tile_size, fill=fill, **MODES.get(mode, {"max_faces": (100, 300)}))
+    assert [path.name for path in tmp_path.iterdir()] == ["a.tif"]
+
+
+def test_filling_starts_from_rows_of_tile_borders(tmp_path):
+    heights = np.full((20, 20), np.nan)
+    heights[3:5, 6] = 5.0
+    dem = write_dem(tmp_path / "a.tif", heights)
+    with pytest.raises(InputError, match=r"found no valid post on rows of tile borders, .*--tile-size"):
+        build(dem, tmp_path / "a.gpkg", tile_size=8, fill=True, passes=1)
+    assert build_and_judge(dem, tmp_path / "a.gpkg", tile_size=20, fill=True, passes=1).levels[1].faces == 2
+
+
 @st.composite
 def masks(draw):
     """Void posts on about 40 × 40: single ones and rectangles, gathered near the tile lines or anywhere."""
@@ -245,7 +268,11 @@ def test_budgets_of_faces(tile_size, tmp_path):
         assert faces > budget, f"level {level}: {faces} faces hold {tighter[-1]} m, found {bounds[level]} m"
 
 
-REFUSED = [((), "rising"), ((1,), "rising"), ((200, 100), "rising"), ((100, 100), "rising"), ((3,), "start grid")]
+REFUSED = [
+    *((budgets, "rising") for budgets in ((), (1,), (200, 100), (100, 100))),
+    *((budgets, "whole number") for budgets in (100, (100.0,), (True, 100), "100")),
+    ((3,), "start grid"),
+]
 
 
 @pytest.mark.parametrize(("budgets", "message"), REFUSED)

@@ -23,6 +23,7 @@ from vpfx.store.tiles import EAST, NORTH, SOUTH, WEST, Tile, Tiling
 __all__ = ["FilledLines", "Ground", "PatchReader"]
 
 Floats = NDArray[np.float64]
+NOTHING_TO_FILL = "fill: found no valid post in the DEM, expected some"
 FREE = Border(np.empty(0, np.int32), 0, np.empty(0, np.int32), False)
 
 
@@ -79,7 +80,11 @@ class FilledLines:
         rows = [dem.read(row, row + 1, 0, dem.n_col)[0] for row in tiling.row_lines.tolist()]
         has_data = np.flatnonzero([not np.isnan(row).all() for row in rows])
         if len(has_data) == 0:
-            raise InputError("fill: found no valid post on any tile border, expected some; try another --tile-size")
+            if all(np.isnan(dem.read(row, row + 1, 0, dem.n_col)).all() for row in range(dem.n_row)):
+                raise InputError(NOTHING_TO_FILL)
+            raise InputError(
+                "fill: found no valid post on rows of tile borders, expected some; try another --tile-size"
+            )
         nearest = [has_data[np.argmin(np.abs(has_data - i))] for i in range(len(rows))]
         self.across = {line: _filled(rows[i]) for line, i in zip(tiling.row_lines.tolist(), nearest, strict=True)}
         self.along: dict[int, Floats] = {}
@@ -171,7 +176,7 @@ class PatchReader:
                 heights[:, line] = self._lines.along[col][rows]
         valid = ~np.isnan(heights)
         if not valid.any():
-            raise InputError("fill: found no valid post in the DEM, expected some")
+            raise InputError(NOTHING_TO_FILL)
         if not valid.all():
             filled = fillnodata(np.nan_to_num(heights), valid, max_search_distance=float(sum(heights.shape)))
             heights = np.where(valid, heights, filled)

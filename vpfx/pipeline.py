@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 
 from vpfx import __version__
+from vpfx.checks import whole_number, whole_numbers
 from vpfx.dem import Dem, open_dem
 from vpfx.errors import InputError
 from vpfx.methods import METHODS, Method, Patch, checked_options
@@ -31,6 +32,7 @@ __all__ = ["BuildReport", "build", "build_hierarchy"]
 Progress = Callable[[int, int], None]
 LEAST_BOUND, MOST_BOUND = 1e-3, 1e5  # metres: where that search starts
 BUDGET_SHARE = 1e-3  # it ends when the bound is known to this share of itself
+MOST_SEED = (1 << 31) - 1  # times the number of tiles it still fits into 64 bits
 
 
 @dataclass(frozen=True)
@@ -126,17 +128,15 @@ def build(
     start = time.perf_counter()
     part = pick(METHODS, method, "method")
     chosen = checked_options(part, options)
-    if workers is not None and workers < 1:
-        raise InputError(f"workers: found {workers}, expected at least 1")
-    if not 0 <= seed < 1 << 31:
-        raise InputError(f"seed: found {seed}, expected 0 … {(1 << 31) - 1}")
+    budgets = None if max_faces is None else _checked_budgets(max_faces, chosen)
+    n_worker = (os.cpu_count() or 1) if workers is None else whole_number(workers, "workers", 1)
+    seed = whole_number(seed, "seed", 0, MOST_SEED)
     check_target(Path(output), overwrite)
-    n_worker = workers or os.cpu_count() or 1
     with open_dem(paths, **(dem_options or {})) as dem:
         if Path(output).exists() and any(os.path.samefile(source.path, output) for source in dem.sources):
             raise InputError(f"output: found {output}, which is one of the elevation files; give another name")
-        if max_faces is not None:
-            chosen["max_error"] = _fit_budget(dem, part, chosen, max_faces, tile_size, n_worker, fill, seed)
+        if budgets is not None:
+            chosen["max_error"] = _fit_budget(dem, part, chosen, budgets, tile_size, n_worker, fill, seed)
         tiling = Tiling(dem.n_row, dem.n_col, tile_size, len(part.levels(chosen)))
         place = Place(dem.x0, dem.y0, dem.dx, dem.dy)
         with StoreWriter(Path(output), tiling, place, dem.crs, overwrite) as writer:
@@ -145,10 +145,9 @@ def build(
                 writer.add(tile, hierarchy, patch.post_metres)
                 if progress:
                     progress(tile.number + 1, tiling.n_tile)
-            if reader.ground.area_m2 <= reader.ground.void_area_m2 and not fill:
-                raise InputError("dem: found no ground with data, expected at least three neighbouring valid posts")
+            _check_ground(reader.ground, fill)
             bounds = list(chosen["max_error"]) if chosen.get("max_error") is not None else [None] * tiling.n_level
-            metadata = _metadata(dem, part, chosen, max_faces, tile_size, fill, seed, reader.ground)
+            metadata = _metadata(dem, part, chosen, budgets, tiling.tile_size, fill, seed, reader.ground)
             sources = [(s.name, s.sha256, s.n_byte, s.driver) for s in sorted(dem.sources, key=lambda s: s.name)]
             levels = writer.finish(bounds, metadata, sources)
     return BuildReport(Path(output), tuple(levels), reader.ground, tiling.n_tile, time.perf_counter() - start)
@@ -178,6 +177,7 @@ def build_hierarchy(
     """
     part = pick(METHODS, method, "method")
     chosen = checked_options(part, options)
+    seed = whole_number(seed, "seed", 0, MOST_SEED)
     n_row, n_col = grid.heights.shape
     tiling = Tiling(n_row, n_col, max(n_row, n_col, 8), len(part.levels(chosen)))
     patch = PatchReader(_GridDem(grid), tiling, part, chosen, fill, seed).read(tiling.tile(0))
@@ -218,24 +218,38 @@ def _built(
             yield first, its_patch, result.result()
 
 
+def _check_ground(ground: Ground, fill: bool) -> None:
+    """Refuse a DEM that gives no faces."""
+    if ground.area_m2 <= ground.void_area_m2 and not fill:
+        raise InputError("dem: found no ground with data, expected at least three neighbouring valid posts")
+
+
+def _checked_budgets(max_faces: Any, options: Mapping[str, Any]) -> list[int]:
+    """Budgets as whole numbers, checked to rise and to be the only mode chosen."""
+    if options.get("max_error") is not None or options.get("passes") is not None:
+        raise InputError("max_faces: found max_error or passes too, expected only one of the three")
+    budgets = whole_numbers(max_faces, "max_faces")
+    if not budgets or budgets[0] < 2 or budgets != sorted(set(budgets)):
+        raise InputError(f"max_faces: found {budgets}, expected rising numbers of at least 2 faces")
+    return budgets
+
+
 def _fit_budget(
-    dem: Dem, method: Method, options: Mapping[str, Any], max_faces: Sequence[int], tile_size: int, n_worker: int,
+    dem: Dem, method: Method, options: Mapping[str, Any], budgets: list[int], tile_size: int, n_worker: int,
     fill: bool, seed: int,
 ) -> list[float]:  # fmt: skip
     """Smallest bound of each level that needs no more faces than its budget, level by level from the coarsest."""
-    if options.get("max_error") is not None or options.get("passes") is not None:
-        raise InputError("max_faces: found max_error or passes too, expected only one of the three")
-    if not max_faces or any(n < 2 for n in max_faces) or list(max_faces) != sorted(set(max_faces)):
-        raise InputError(f"max_faces: found {list(max_faces)}, expected rising numbers of at least 2 faces")
 
     def n_face(bounds: list[float]) -> int:
         chosen = {**options, "max_error": bounds}
         tiling = Tiling(dem.n_row, dem.n_col, tile_size, len(bounds))
         reader = PatchReader(dem, tiling, method, chosen, fill, seed)
-        return sum(h.tin(len(bounds) - 1).n_face for _, _, h in _built(reader, tiling, method, chosen, n_worker))
+        count = sum(h.tin(len(bounds) - 1).n_face for _, _, h in _built(reader, tiling, method, chosen, n_worker))
+        _check_ground(reader.ground, fill)
+        return count
 
     bounds: list[float] = []
-    for budget in max_faces:
+    for budget in budgets:
         coarse, fine = (bounds[-1] if bounds else MOST_BOUND), LEAST_BOUND
         least = n_face(bounds or [coarse])
         if least > budget:
@@ -250,7 +264,7 @@ def _fit_budget(
 
 
 def _metadata(
-    dem: Dem, method: Method, options: Mapping[str, Any], max_faces: Sequence[int] | None, tile_size: int, fill: bool,
+    dem: Dem, method: Method, options: Mapping[str, Any], budgets: list[int] | None, tile_size: int, fill: bool,
     seed: int, ground: Ground,
 ) -> dict[str, Any]:  # fmt: skip
     """Rows of the table `metadata`."""
@@ -258,7 +272,7 @@ def _metadata(
         "software": f"vpfx {__version__}",
         "method": method.name,
         "method_source": method.source,
-        "options": {**options, "max_faces": max_faces, "tile_size": tile_size, "fill": fill},
+        "options": {**options, "max_faces": budgets, "tile_size": tile_size, "fill": bool(fill)},
         "seed": seed,
         "vertical_unit": "metre",
         "source_vertical_unit": dem.vertical_unit,

@@ -17,6 +17,7 @@ from rasterio.enums import ColorInterp, MaskFlags
 from rasterio.errors import NotGeoreferencedWarning, RasterioError
 from rasterio.windows import Window as RasterWindow
 
+from vpfx.checks import whole_number
 from vpfx.dem.lattice import ARCSECONDS, Lattice, Window
 from vpfx.dem.paths import Source, gdal, gdal_name, source_of
 from vpfx.dem.reference import METRES, Reference, Unit, find_reference, find_unit, parse_crs, split_crs
@@ -75,7 +76,7 @@ class Options:
         if unit is None:
             raise InputError(f"vertical_unit: found {vertical_unit!r}, expected one of {', '.join(METRES)}")
         return cls(
-            band=band,
+            band=whole_number(band, "band"),
             nodata=None if nodata is None else float(nodata),
             crs=None if crs is None else parse_crs(crs),
             declared=Reference("", unit, vertical_datum or "", False),

@@ -87,6 +87,8 @@ class Method:
         Whether each child lies inside one parent.
     defaults : mapping
         Its options and their values.
+    checked : callable
+        Options → the same as plain Python values, each checked by itself.
     levels : callable
         Options → the rule of each level, shared with the borders: a list of `vpfx.methods.borders.LevelRule`.
     squares : callable
@@ -101,21 +103,22 @@ class Method:
     source: str
     nested: bool
     defaults: Mapping[str, Any]
+    checked: Callable[[Mapping[str, Any]], dict[str, Any]]
     levels: Callable[[Mapping[str, Any]], list[Any]]
     squares: Callable[[Mapping[str, Any], int, int], tuple[int, int]]
     build: Callable[[Patch, Mapping[str, Any]], Hierarchy]
 
 
 def checked_options(method: Method, options: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the method's options with the given ones in place of its defaults.
+    """Return the method's options, checked, with the given ones in place of its defaults.
 
     Raises
     ------
     InputError
-        An option is not one of the method's.
+        An option is not one of the method's, or its value makes no sense.
     """
     unknown = sorted(set(options) - set(method.defaults))
     if unknown:
         known = ", ".join(sorted(method.defaults))
         raise InputError(f"method {method.name}: found option {unknown[0]!r}, expected one of: {known}")
-    return {**method.defaults, **options}
+    return method.checked({**method.defaults, **options})

@@ -17,6 +17,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from vpfx.checks import number, whole_number, whole_numbers
 from vpfx.errors import InputError, InvariantError
 from vpfx.methods import breaks
 from vpfx.methods.base import Method, Patch
@@ -157,43 +158,50 @@ def _one_pass(mesh: _Mesh, level: int, options: Mapping[str, Any]) -> None:
     mesh.cut(faces, np.concatenate([forced, chosen[:n]]), np.concatenate([forced_places, places[:n]]), tolerance, found)
 
 
+def checked(options: Mapping[str, Any]) -> dict[str, Any]:
+    """Options as plain Python values, each checked by itself; the mode may still be open.
+
+    Raises
+    ------
+    InputError
+        A value makes no sense.
+    """
+    found = dict(options)
+    if options["max_error"] is not None:
+        found["max_error"] = _checked_bounds(options)
+    if options["passes"] is not None:
+        found["passes"] = whole_number(options["passes"], "wynne: passes", 0, MOST_LEVELS - 1)
+    for name in PASS_OPTIONS:
+        found[name] = number(options[name], f"wynne: {name}", 0, 0.5 if name == "xy_ratio" else np.inf)
+    if options["diagonal"] not in DIAGONALS:
+        raise InputError(f"wynne: found diagonal {options['diagonal']!r}, expected one of: {', '.join(DIAGONALS)}")
+    if options["start"] not in ("grid", "delaunay"):
+        raise InputError(f"wynne: found start {options['start']!r}, expected grid or delaunay")
+    if options["grid"] is not None:
+        found["grid"] = whole_numbers(options["grid"], "wynne: grid", 1)
+        if len(found["grid"]) != 2:
+            raise InputError(f"wynne: grid: found {found['grid']}, expected columns and rows of squares")
+    found["start_posts"] = whole_number(options["start_posts"], "wynne: start_posts", 1)
+    return found
+
+
 def levels(options: Mapping[str, Any]) -> list[LevelRule | None]:
     """Rule of every level for the borders; None for a level that is the start mesh.
 
     Raises
     ------
     InputError
-        Neither or both of max_error and passes are given, or a value makes no sense.
+        Neither or both of max_error and passes are given, or a tolerance of pass mode without passes.
     """
-    _check_choices(options)
-    if options["max_error"] is not None:
-        return [LevelRule(bound * (1.0 - BOUND_SLACK), MIDDLE, 0.0, 0.0, True) for bound in _checked_bounds(options)]
-    tolerance, away, share = (options[name] for name in PASS_OPTIONS)
-    is_good = 0 <= tolerance < np.inf and 0 <= away < np.inf and 0 <= share < 0.5
-    if not is_good or not isinstance(options["passes"], int) or not 0 <= options["passes"] < MOST_LEVELS:
-        raise InputError(
-            f"wynne: found passes {options['passes']}, tolerances {tolerance}, {away}, {share}, expected 0 … "
-            f"{MOST_LEVELS - 1} whole passes, tolerances from 0 and an xy_ratio below 0.5"
-        )
-    rule = LevelRule(tolerance + ROUNDING, 0.0, away, max(share, LEAST_SHARE), False)
-    return [None, *[rule] * options["passes"]]
-
-
-def _check_choices(options: Mapping[str, Any]) -> None:
-    """Refuse options that contradict each other or are none of the choices."""
     if (options["max_error"] is None) == (options["passes"] is None):
         raise InputError("wynne: found neither or both of max_error and passes, expected one of them")
     if options["passes"] is None and any(options[name] != DEFAULTS[name] for name in PASS_OPTIONS):
         raise InputError("wynne: found a tolerance of pass mode without passes, expected both or none")
-    if options["diagonal"] not in DIAGONALS:
-        raise InputError(f"wynne: found diagonal {options['diagonal']!r}, expected one of: {', '.join(DIAGONALS)}")
-    if options["start"] not in ("grid", "delaunay"):
-        raise InputError(f"wynne: found start {options['start']!r}, expected grid or delaunay")
-    grid = options["grid"]
-    if grid is not None and (len(grid) != 2 or any(not isinstance(n, int) or n < 1 for n in grid)):
-        raise InputError(f"wynne: found grid {grid}, expected columns and rows of squares")
-    if options["start_posts"] < 1:
-        raise InputError(f"wynne: found start_posts {options['start_posts']}, expected at least 1")
+    if options["max_error"] is not None:
+        return [LevelRule(bound * (1.0 - BOUND_SLACK), MIDDLE, 0.0, 0.0, True) for bound in _checked_bounds(options)]
+    tolerance, away, share = (options[name] for name in PASS_OPTIONS)
+    rule = LevelRule(tolerance + ROUNDING, 0.0, away, max(share, LEAST_SHARE), False)
+    return [None, *[rule] * options["passes"]]
 
 
 def _checked_bounds(options: Mapping[str, Any]) -> list[float]:
@@ -268,6 +276,7 @@ METHOD = Method(
     source="Abdelguerfi et al. 1998, doi:10.1080/136588198241536, §5",
     nested=True,
     defaults=DEFAULTS,
+    checked=checked,
     levels=levels,
     squares=squares,
     build=build,

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import sqlite3
 from collections.abc import Sequence
-from contextlib import closing
+from contextlib import closing, suppress
 from pathlib import Path
 from types import TracebackType
 
@@ -22,7 +22,7 @@ from vpfx.store.page_file import PageFile, Spool
 from vpfx.store.page_tree import Shape, Tree, find_kinds
 from vpfx.store.records import NULL_INT
 
-__all__ = ["NULL_INT", "PageWriter"]
+__all__ = ["NULL_INT", "PageWriter", "reason_of"]
 
 
 class PageWriter:
@@ -41,6 +41,8 @@ class PageWriter:
     ----------
     path : Path
         A file with its tables and indexes, made and closed by SQLite: UTF-8, journal mode DELETE, no auto-vacuum.
+    name : str
+        What messages call the file; the path if empty.
 
     Raises
     ------
@@ -60,8 +62,8 @@ class PageWriter:
     [(1, 4808.5), (2, None)]
     """
 
-    def __init__(self, path: Path) -> None:
-        self._path = path
+    def __init__(self, path: Path, name: str = "") -> None:
+        self._name = name or str(path)
         self._trees: dict[str, Tree] = {}
         try:
             with closing(sqlite3.connect(f"{path.resolve().as_uri()}?mode=ro", uri=True)) as connection:
@@ -72,12 +74,12 @@ class PageWriter:
             self._file = PageFile(path, facts["page_size"], facts["page_count"])
             facts["reserved bytes"] = self._file.read(1)[20]
         except (OSError, sqlite3.Error) as error:
-            raise StoreError(f"{path}: cannot be opened: {error}") from error
+            raise StoreError(f"{self._name}: cannot be opened: {reason_of(error)}") from error
         expected = {"auto_vacuum": 0, "encoding": "UTF-8", "journal_mode": "delete", "reserved bytes": 0}
-        for name, value in expected.items():
-            if facts[name] != value:
+        for fact, value in expected.items():
+            if facts[fact] != value:
                 self._release()
-                raise StoreError(f"{path}: {name}: found {facts[name]}, expected {value}")
+                raise StoreError(f"{self._name}: {fact}: found {facts[fact]}, expected {value}")
 
     def __enter__(self) -> PageWriter:
         return self
@@ -125,7 +127,7 @@ class PageWriter:
         Cost: O(n_row), and a search among the segments. Calls that jump back and forth cost about a page each.
         """
         if self._file.handle.closed:
-            raise InputError(f"{self._path}: found a closed writer, expected an open one")
+            raise InputError(f"{self._name}: found a closed writer, expected an open one")
         columns = [np.asarray(column) for column in columns]
         tree = self._trees.get(name) or self._make_tree(name, columns)
         if find_kinds(tree.shape, columns) != (tree.kinds, tree.lengths):
@@ -136,7 +138,7 @@ class PageWriter:
             tree.append(columns)
         except OSError as error:
             self._release()
-            raise StoreError(f"{self._path}: cannot be written: {error}") from error
+            raise StoreError(f"{self._name}: cannot be written: {reason_of(error)}") from error
         except BaseException:
             self._release()
             raise
@@ -156,26 +158,38 @@ class PageWriter:
                 tree.finish()
             self._file.finish()
         except OSError as error:
-            raise StoreError(f"{self._path}: cannot be written: {error}") from error
+            raise StoreError(f"{self._name}: cannot be written: {reason_of(error)}") from error
         finally:
             self._release()
 
     def _make_tree(self, name: str, columns: Sequence[np.ndarray]) -> Tree:
         if name not in self._shapes:
             known = ", ".join(sorted(self._shapes))
-            raise UnknownNameError(f"{self._path}: unknown table or index {name!r}; known: {known}")
+            raise UnknownNameError(f"{self._name}: unknown table or index {name!r}; known: {known}")
         shape = self._shapes[name]
         if shape.problem:
-            raise InputError(f"{self._path}: {name}: found {shape.problem}, which PageWriter cannot write")
+            raise InputError(f"{self._name}: {name}: found {shape.problem}, which PageWriter cannot write")
         page = self._file.read(shape.root)
         if page[0] < 10 or page[3:5] != b"\0\0":  # an interior page, or a leaf with cells
-            raise StoreError(f"{self._path}: {name}: found rows, expected an empty table or index")
+            raise StoreError(f"{self._name}: {name}: found rows, expected an empty table or index")
         self._trees[name] = Tree(shape, self._file, self._spool, columns)
         return self._trees[name]
 
     def _release(self) -> None:
-        self._file.close()
-        self._spool.close()
+        for file in (self._file, self._spool):
+            with suppress(OSError):  # a full medium refuses even this; what led here is the error to tell
+                file.close()
+
+
+def reason_of(error: Exception) -> str:
+    """Return what the system said, without the file name that it adds: it may be that of a hidden file.
+
+    Examples
+    --------
+    >>> reason_of(OSError(28, "No space left on device", ".a.gpkg.17.tmp"))
+    'No space left on device'
+    """
+    return getattr(error, "strerror", None) or str(error)
 
 
 def read_shapes(connection: sqlite3.Connection) -> dict[str, Shape]:

@@ -11,7 +11,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from vpfx.errors import InputError, InvariantError
+from vpfx.checks import whole_number
+from vpfx.errors import InvariantError
 
 __all__ = ["DEFAULT_TILE_SIZE", "Tile", "Tiling"]
 
@@ -59,7 +60,7 @@ class Tiling:
     Raises
     ------
     InputError
-        The tile size is too small.
+        The tile size is too small or not whole.
 
     Examples
     --------
@@ -69,10 +70,9 @@ class Tiling:
     """
 
     def __init__(self, n_row: int, n_col: int, tile_size: int, n_level: int) -> None:
-        if tile_size < LEAST_TILE_SIZE:
-            raise InputError(f"tile size: found {tile_size} posts, expected at least {LEAST_TILE_SIZE}")
-        self.row_lines = _lines(n_row, tile_size)
-        self.col_lines = _lines(n_col, tile_size)
+        self.tile_size = whole_number(tile_size, "tile size", LEAST_TILE_SIZE)
+        self.row_lines = _lines(n_row, self.tile_size)
+        self.col_lines = _lines(n_col, self.tile_size)
         self.n_tile_row, self.n_tile_col = len(self.row_lines) - 1, len(self.col_lines) - 1
         self.n_tile = self.n_tile_row * self.n_tile_col
         self.n_level = n_level

@@ -24,7 +24,7 @@ from vpfx.store.contents import FORMAT_VERSION
 from vpfx.store.ddl import schema_sql
 from vpfx.store.digest import Digest
 from vpfx.store.geopackage import APPLICATION_ID, USER_VERSION, register
-from vpfx.store.pages import PageWriter
+from vpfx.store.pages import PageWriter, reason_of
 from vpfx.store.rows import FirstIds, LevelRows, NodeRows, OpenSides, Place, Table, border_rows, tile_rows
 from vpfx.store.summary import LevelSummary
 from vpfx.store.tiles import Tile, Tiling
@@ -40,7 +40,7 @@ def check_target(path: Path, overwrite: bool) -> None:
     Raises
     ------
     StoreError
-        There is a file that may not be replaced, or a folder, or no folder to put it in.
+        There is a file or link that may not be replaced, or a folder, or no folder to put it in.
     """
     try:
         os.lstat(path)
@@ -48,13 +48,14 @@ def check_target(path: Path, overwrite: bool) -> None:
         pass
     except (OSError, ValueError) as error:  # too long, or with a zero byte
         name = str(path).replace("\0", "\\0")
-        raise StoreError(f"{name}: cannot be written: {error}") from error
+        raise StoreError(f"{name}: cannot be written: {reason_of(error)}") from error
     if path.is_dir():
         raise StoreError(f"{path}: found a folder, expected a file name")
     if not path.parent.is_dir():
         raise StoreError(f"{path}: found no folder {path.parent}, expected one to put the store in")
-    if path.exists() and not overwrite:
-        raise StoreError(f"{path}: found an existing file; give another name or --overwrite")
+    if os.path.lexists(path) and not overwrite:
+        found = "an existing file" if os.path.exists(path) else "a link that leads nowhere"
+        raise StoreError(f"{path}: found {found}; give another name or --overwrite")
 
 
 class StoreWriter:
@@ -95,12 +96,12 @@ class StoreWriter:
         self._errors = np.zeros((n, 3))  # greatest error, sum of squares, posts
         try:
             self._create()
-            self._pages = PageWriter(self._temporary)
+            self._pages = PageWriter(self._temporary, str(self.path))
         except BaseException as error:
             self._discard()
             if not isinstance(error, OSError | sqlite3.Error):
                 raise
-            raise StoreError(f"{self.path}: cannot be written: {error}") from error
+            raise StoreError(f"{self.path}: cannot be written: {reason_of(error)}") from error
 
     def _create(self) -> None:
         self._temporary.unlink(missing_ok=True)
@@ -131,7 +132,7 @@ class StoreWriter:
             for level, nodes in enumerate(rows.nodes):
                 self._add_level(tile, level, nodes, rows.levels[level])
         except (OSError, sqlite3.Error) as error:
-            raise StoreError(f"{self.path}: cannot be written: {error}") from error
+            raise StoreError(f"{self.path}: cannot be written: {reason_of(error)}") from error
         for level in range(hierarchy.n_level):
             self._errors[level, 0] = max(self._errors[level, 0], hierarchy.max_error[level])
             self._errors[level, 1:] += hierarchy.squared_error[level], hierarchy.n_post[level]
@@ -181,7 +182,7 @@ class StoreWriter:
                 connection.close()
             self._publish()
         except (OSError, sqlite3.Error) as error:
-            raise StoreError(f"{self.path}: cannot be written: {error}") from error
+            raise StoreError(f"{self.path}: cannot be written: {reason_of(error)}") from error
         return summary
 
     def _write_borders(self) -> None:
@@ -276,8 +277,10 @@ class StoreWriter:
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         self._hashing.shutdown(cancel_futures=True)
-        self._pages.__exit__(kind, error, trace)
-        self._discard()
+        try:
+            self._pages.__exit__(kind, error, trace)
+        finally:
+            self._discard()
 
 
 def _digest(tables: Sequence[Table]) -> bytes:
