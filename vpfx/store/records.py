@@ -26,6 +26,9 @@ ROWID, INT, FLOAT, REAL, BLOB = range(5)
 BLOCK_BYTES = 1 << 19
 """Size aimed at for one block of encoded rows: large against the cost of a call, small enough for the L2 cache."""
 
+WORD = 8
+"""Bytes written at once."""
+
 INT48 = 1 << 47
 """Integers below this have at most 6 bytes; larger integral floats are kept as floats, which costs no more."""
 
@@ -53,27 +56,34 @@ class RowBlock:
         n_head = sum(map(len, codes)) + 1
         n_head += n_head > 127  # its own size is in it
         head = to_varint(n_head)
-        layout = []
+        layout, runs = [], [[0, 0, len(head), 0, 0]]
         place = 0
-        for kind, length, code in zip(kinds, lengths, codes, strict=True):
-            layout.append((kind, place, length, len(head)))
+        for column, (kind, length, code) in enumerate(zip(kinds, lengths, codes, strict=True)):
+            layout.append((kind, place, length))
             head += code
+            if kind == BLOB:
+                runs[-1][3:] = place, length
+                runs.append([column + 1, 0, len(head), place, 0])
+            else:
+                runs[-1][1] += 1
             place += length
         self.layout = np.array(layout, np.int64)
-        self.head = np.frombuffer(bytearray(head), np.uint8)
+        self.runs = np.array(runs, np.uint64)
+        self.head = np.frombuffer(head.ljust(-(-len(head) // WORD) * WORD, b"\0"), ">u8").astype(np.uint64)
+        self.n_fixed = len(head), place
         self.n_key = n_key
         worst = 12 + 3 + len(head) + 8 * len(kinds) + place  # sizes and rowid, filling up, the record
         self.n_row = max(BLOCK_BYTES // worst, 1)
         self.values = np.zeros((len(kinds), self.n_row), np.int64)
         self.reals = self.values.view(np.float64)
         self.codes = np.zeros((len(kinds), self.n_row), np.uint8)
-        self.blobs = np.zeros((self.n_row, place), np.uint8)
-        self.cells = np.zeros(room + worst * self.n_row + 8, np.uint8)  # 8: `put_rows` writes words, then steps back
+        self.blobs = np.zeros((self.n_row, place + WORD), np.uint8)  # read in words
+        self.cells = np.zeros(room + worst * self.n_row + WORD, np.uint8)  # `put_rows` writes words, then steps back
 
     def load(self, columns: Sequence[Column], start: int) -> int:
         """Copy rows from `start` on into the block and return how many."""
         n_row = min(self.n_row, len(columns[0]) - start)
-        for values, reals, (kind, place, length, _), column in zip(
+        for values, reals, (kind, place, length), column in zip(
             self.values, self.reals, self.layout.tolist(), columns, strict=True
         ):
             part = column[start : start + n_row]
@@ -95,7 +105,10 @@ class RowBlock:
         Returns the end of the cells and the size of the largest payload.
         """
         put_codes(n_row, self.layout, self.values, self.reals, self.codes)
-        end, largest = put_rows(n_row, self.layout, self.head, self.codes, self.values, self.blobs, self.cells, at)
+        end, largest = put_rows(
+            n_row, self.layout[0, 0] == ROWID, self.runs, self.head, self.n_fixed, self.codes, self.values, self.blobs,
+            self.cells, at,
+        )  # fmt: skip
         return int(end), int(largest)
 
 
@@ -206,8 +219,30 @@ def int_code(value):  # type: ignore[no-untyped-def]
     return code
 
 
+@helper
+def put_word(cells, at, word):  # type: ignore[no-untyped-def]
+    """Write eight bytes, the most significant first; unrolled, so that it becomes one instruction."""
+    cells[at] = word >> np.uint64(56)
+    cells[at + np.uint64(1)] = word >> np.uint64(48)
+    cells[at + np.uint64(2)] = word >> np.uint64(40)
+    cells[at + np.uint64(3)] = word >> np.uint64(32)
+    cells[at + np.uint64(4)] = word >> np.uint64(24)
+    cells[at + np.uint64(5)] = word >> np.uint64(16)
+    cells[at + np.uint64(6)] = word >> np.uint64(8)
+    cells[at + np.uint64(7)] = word
+
+
+@helper
+def get_word(row, at):  # type: ignore[no-untyped-def]
+    """Read eight bytes, the most significant first."""
+    word = np.uint64(row[at])
+    for b in range(1, WORD):
+        word = word << np.uint64(8) | np.uint64(row[at + np.uint64(b)])
+    return word
+
+
 @njit(nogil=True, cache=True)
-def put_rows(n_row, layout, head, codes, values, blobs, cells, at):  # type: ignore[no-untyped-def]
+def put_rows(n_row, is_table, runs, head, n_fixed, codes, values, blobs, cells, at):  # type: ignore[no-untyped-def]
     """Write one leaf cell per row; return the end of the last cell and the size of the largest payload.
 
     ::
@@ -220,18 +255,23 @@ def put_rows(n_row, layout, head, codes, values, blobs, cells, at):  # type: ign
     ----------
     n_row : int
         Rows to write.
-    layout : int64 (n_col, 4)
-        For each column its kind, for a blob the first byte in `blobs` and the length, the place of its code in `head`.
-    head : uint8 (n,)
-        Head of the record, with the codes of blobs.
+    is_table : bool
+        Whether column 0 is the rowid.
+    runs : uint64 (n_run, 5)
+        Numbers that stand side by side, and the blob behind them: first column, number of columns, place of the first
+        code in the head; first byte in `blobs` and length, 0 if there is none.
+    head : uint64 (n,)
+        Head of the record in words, with the codes of blobs.
+    n_fixed : (int, int)
+        Bytes of the head, and of all blobs.
     codes : uint8 (n_col, ≥ n_row)
         Serial types of numbers, from `put_codes`.
     values : int64 (n_col, ≥ n_row)
         Integers, and the bits of floats.
     blobs : uint8 (≥ n_row, n)
-        All blob columns side by side.
+        All blob columns side by side, and a word behind them.
     cells : uint8 (n,)
-        Written from byte `at` on; must have room for the largest cells and 8 bytes more.
+        Written from byte `at` on; must have room for the largest cells and a word more.
 
     Notes
     -----
@@ -239,34 +279,41 @@ def put_rows(n_row, layout, head, codes, values, blobs, cells, at):  # type: ign
     overwritten by the next one. Offsets are unsigned, which spares numba the handling of negative ones.
     """
     width_of = np.array([0, 1, 2, 3, 4, 6, 8, 8, 0, 0], np.uint64)
-    one = np.uint64(1)
+    one, word = np.uint64(1), np.uint64(WORD)
+    n_head = np.uint64(n_fixed[0])
     end = np.uint64(at)
     largest = np.uint64(0)
     for i in range(n_row):
-        payload = np.uint64(head.shape[0] + blobs.shape[1])
-        for c in range(layout.shape[0]):
-            if layout[c, 0] != BLOB:
+        payload = n_head + np.uint64(n_fixed[1])
+        for r in range(runs.shape[0]):
+            c = runs[r, 0]
+            for _ in range(np.int64(runs[r, 1])):
                 payload += width_of[codes[c, i]]
+                c += one
         largest = max(largest, payload)
         least_end = end + np.uint64(4)
         end = put_varint(cells, end, payload)
-        if layout[0, 0] == ROWID:
+        if is_table:
             end = put_varint(cells, end, np.uint64(values[0, i]))
-        for b in range(head.shape[0]):
-            cells[end + np.uint64(b)] = head[b]
-        body = end + np.uint64(head.shape[0])
-        for c in range(layout.shape[0]):
-            if layout[c, 0] == BLOB:
-                for b in range(layout[c, 1], layout[c, 1] + layout[c, 2]):
-                    cells[body] = blobs[i, b]
-                    body += one
-            else:
-                width = width_of[codes[c, i]]
+        for w in range(head.shape[0]):
+            put_word(cells, end + np.uint64(w) * word, head[w])
+        body = end + n_head
+        for r in range(runs.shape[0]):
+            c = runs[r, 0]
+            code_at = end + runs[r, 2]
+            for _ in range(np.int64(runs[r, 1])):
+                code = codes[c, i]
+                width = width_of[code]
                 number = np.uint64(values[c, i]) << (np.uint64(64) - (width << np.uint64(3)) & np.uint64(63))
-                cells[end + np.uint64(layout[c, 3])] = codes[c, i]
-                for b in range(8):
-                    cells[body + np.uint64(b)] = number >> np.uint64(56 - 8 * b)
+                cells[code_at] = code
+                put_word(cells, body, number)
+                code_at += one
                 body += width
+                c += one
+            from_byte = runs[r, 3]
+            for w in range((runs[r, 4] + word - one) // word):
+                put_word(cells, body + np.uint64(w) * word, get_word(blobs[i], from_byte + np.uint64(w) * word))
+            body += runs[r, 4]
         end = body
         while end < least_end:
             cells[end] = 0
