@@ -92,7 +92,7 @@ def run_vpfx(job: Job, folder: Path) -> Path:
     from vpfx.pipeline import build  # late: it loads numba, which the peers' memory figures must not see
 
     path = folder / STORE
-    build(job.dem, path, max_error=job.bounds, overwrite=True)
+    build(job.dem, path, max_error=job.bounds)
     return path
 
 
@@ -150,6 +150,8 @@ def measure_times(job: Job, contenders: Sequence[str], folder: Path) -> dict[str
     seconds: dict[str, list[Seconds]] = {contender: [] for contender in contenders}
     for _ in range(job.repeat):
         for contender in contenders:
+            if contender == VPFX:
+                (folder / STORE).unlink(missing_ok=True)
             seconds[contender].append(timed(*ways[contender]))
     return seconds
 
