@@ -127,6 +127,8 @@ class StoreWriter:
         post_metres : tuple of float
             Width and height of a post spacing in the tile, metres.
         """
+        for *_, digest in self._tile_levels[-self._tiling.n_level :]:
+            digest.result()  # of the tile before: its rows are not needed any more
         rows = tile_rows(hierarchy, tile, self._tiling, self._place, post_metres, self._next)
         try:
             for level, nodes in enumerate(rows.nodes):
