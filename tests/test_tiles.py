@@ -248,43 +248,6 @@ def test_many_random_voids(tmp_path_factory, drawn, mode, fill):
     judge_masked(tmp_path_factory.mktemp("voids"), drawn, mode, fill)
 
 
-# --- budgets ------------------------------------------------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize("tile_size", [100, 20])
-def test_budgets_of_faces(tile_size, tmp_path):
-    dem = crop(tmp_path / "nm.tif", slice(0, 41), slice(0, 51))
-    budgets = (100, 400)
-    report = build(dem, tmp_path / "a.gpkg", max_faces=budgets, tile_size=tile_size)
-    judge_store(tmp_path / "a.gpkg", dem)
-    bounds = [line.max_error_bound for line in report.levels]
-    assert [row[1] for row in rows_of(tmp_path / "a.gpkg", "level")["level"]] == bounds
-    assert all(line.faces <= budget for line, budget in zip(report.levels, budgets, strict=True))
-    build(dem, tmp_path / "b.gpkg", max_error=bounds, tile_size=tile_size)
-    assert rows_of(tmp_path / "a.gpkg") == rows_of(tmp_path / "b.gpkg")
-    for level, budget in enumerate(budgets):
-        tighter = [*bounds[:level], 0.98 * bounds[level]]
-        faces = build(dem, tmp_path / f"{level}.gpkg", max_error=tighter, tile_size=tile_size).levels[-1].faces
-        assert faces > budget, f"level {level}: {faces} faces hold {tighter[-1]} m, found {bounds[level]} m"
-
-
-REFUSED = [
-    *((budgets, "rising") for budgets in ((), (1,), (200, 100), (100, 100))),
-    *((budgets, "whole number") for budgets in (100, (100.0,), (True, 100), "100")),
-    ((3,), "start grid"),
-]
-
-
-@pytest.mark.parametrize(("budgets", "message"), REFUSED)
-def test_senseless_budgets_are_refused(budgets, message, tmp_path):
-    dem = write_dem(tmp_path / "a.tif", hills(20, 20))
-    with pytest.raises(InputError, match=message):
-        build(dem, tmp_path / "a.gpkg", max_faces=budgets, tile_size=10)
-    with pytest.raises(InputError, match="only one"):
-        build(dem, tmp_path / "a.gpkg", max_faces=(100,), passes=1)
-    assert [path.name for path in tmp_path.iterdir()] == ["a.tif"]
-
-
 # --- digests ------------------------------------------------------------------------------------------------------------------
 
 

@@ -259,6 +259,10 @@ def _fit_budget(
         while coarse > fine * (1.0 + BUDGET_SHARE):
             middle = (coarse * fine) ** 0.5
             coarse, fine = (middle, fine) if n_face([*bounds, middle]) <= budget else (coarse, middle)
+        if bounds and coarse == bounds[-1]:
+            raise InputError(
+                f"max_faces: found a budget of {budget}, which no bound below {coarse:g} m fits; leave it out"
+            )
         bounds.append(coarse)
     return bounds
 
