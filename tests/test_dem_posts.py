@@ -127,6 +127,14 @@ def test_crs_option_fills_a_gap_but_does_not_contradict(tmp_path):
             open_dem(bare, crs=crs)
 
 
+def test_latitudes_that_are_none_are_refused(tmp_path):
+    with open_dem(write_tiff(tmp_path / "pole.tif", ramp(5, 5), y0=88.0, dy=0.5)) as dem:
+        assert dem.extent.max_y == 90.0
+    utm = write_tiff(tmp_path / "utm.tif", ramp(5, 5), y0=4e6, dx=30.0)
+    with pytest.raises(DemFormatError, match=r"utm\.tif.*found latitudes from 4e\+06° .*expected -90° … 90°"):
+        open_dem(utm)
+
+
 def test_post_metres(tmp_path):
     geod = Geod(ellps="WGS84")
     with open_dem(write_tiff(tmp_path / "a.tif", ramp(121, 121), y0=-90.0, dx=1 / 60)) as dem:

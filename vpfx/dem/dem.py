@@ -16,7 +16,7 @@ from vpfx.dem.lattice import Lattice, Window
 from vpfx.dem.mosaic import MAX_OPEN_FILES, Part, check_overlap, close_some, join, merge, overlaps
 from vpfx.dem.paths import Source
 from vpfx.dem.raster import Options, Raster
-from vpfx.errors import InputError
+from vpfx.errors import DemFormatError, InputError
 from vpfx.model import Extent, Grid
 
 __all__ = ["Dem", "open_dem", "read_grid"]
@@ -66,6 +66,8 @@ class Dem:
         self._is_closed = False
         self._crs = CRS.from_wkt(self.crs) if self.crs else None
         self._geod = self._crs.get_geod() if self._crs is not None and self._crs.is_geographic else None
+        if self._crs is not None and self._geod is not None:
+            self._check_latitudes(self._crs)
 
     def __enter__(self) -> Dem:
         return self
@@ -170,6 +172,14 @@ class Dem:
         for one, other in overlaps(self._parts, window):
             check_overlap(one, other, self._lattice, window)
             close_some(self._parts)
+
+    def _check_latitudes(self, crs: CRS) -> None:
+        """Refuse degrees that are none; posts may lie a spacing behind a pole, as of rasters whose pixels end there."""
+        factor = math.degrees(crs.axis_info[0].unit_conversion_factor)
+        south, north = self.extent.min_y * factor, self.extent.max_y * factor
+        if max(-south, north) > 90.0 + self.dy * factor:
+            found = f"found latitudes from {south:g}° to {north:g}°, expected -90° … 90°"
+            raise DemFormatError(self.sources[0].path, "georeference", f"{found}; the CRS cannot be {crs.name}")
 
     def _checked(self, row_start: int, row_stop: int, col_start: int, col_stop: int) -> Window:
         """Return a block of posts that exists."""
