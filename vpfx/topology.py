@@ -10,10 +10,11 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-__all__ = ["find_twins", "outside_links"]
+__all__ = ["NONE", "find_twins", "outside_links"]
 
 Indices = NDArray[np.int64]
 NONE = -1
+"""Stands for no node, side or face in arrays of indices."""
 
 
 @njit(nogil=True, cache=True)

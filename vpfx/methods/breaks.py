@@ -10,6 +10,7 @@ import numpy as np
 from numba import njit
 
 from vpfx.methods.scan import surface_height
+from vpfx.topology import NONE
 
 __all__ = [
     "choose_breaks",
@@ -19,13 +20,7 @@ __all__ = [
     "place_nodes",
 ]
 
-NONE = -1
-OPEN, BROKEN, REPLACED, KEPT = (
-    0,
-    1,
-    2,
-    3,
-)  # states of a side; KEPT: part of a fixed border that is broken there or never
+OPEN, BROKEN, REPLACED, KEPT = range(4)  # states of a side; KEPT: on a fixed border, which alone says where it breaks
 SAME_LENGTH = 1.0 + 1e-12  # sides whose squared lengths differ by less are equally long: the first is taken
 
 
@@ -49,7 +44,7 @@ def _first_rank(rank, limit, a, b):
 
 
 @njit(nogil=True, cache=True)
-def force_border_breaks(faces, mesh, ranks, limits, heights, side_state, broken, breaks):
+def force_border_breaks(faces, mesh, ranks, limits, heights, side_state, broken, places):
     """Break the sides of some faces on fixed borders where the border says so, and lock the others.
 
     Parameters
@@ -63,7 +58,7 @@ def force_border_breaks(faces, mesh, ranks, limits, heights, side_state, broken,
         Changed in place: KEPT on the sides of fixed borders.
     broken : int32 (≥ 3 * n,)
         Takes the sides that are broken.
-    breaks : float64 (≥ 3 * n, 3)
+    places : float64 (≥ 3 * n, 3)
         Takes their nodes.
 
     Returns
@@ -90,7 +85,7 @@ def force_border_breaks(faces, mesh, ranks, limits, heights, side_state, broken,
                 at = _first_rank(ranks[border], limits[border], int(min(a, b)), int(max(a, b)))
                 if at != NONE:
                     u, v = (at, line) if across == 1 else (line, at)
-                    breaks[count, 0], breaks[count, 1], breaks[count, 2] = u, v, heights[v, u]
+                    places[count, 0], places[count, 1], places[count, 2] = u, v, heights[v, u]
                     broken[count] = side
                     count += 1
     return count
@@ -238,7 +233,7 @@ def choose_breaks(faces, mesh, n_col, bound, aspect, guard, face_error, side_sta
 
 
 @njit(nogil=True, cache=True)
-def place_nodes(broken, mesh, heights, bound, middle, found, breaks):
+def place_nodes(broken, mesh, heights, bound, middle, found, places):
     """Place the nodes of chosen breaks.
 
     Parameters
@@ -247,7 +242,7 @@ def place_nodes(broken, mesh, heights, bound, middle, found, breaks):
         Sides.
     middle : float
         A break keeps this share of the side from both its ends.
-    breaks : float64 (≥ n, 3)
+    places : float64 (≥ n, 3)
         Takes the nodes.
     """
     nodes, face_nodes, side_twin = mesh
@@ -265,7 +260,7 @@ def place_nodes(broken, mesh, heights, bound, middle, found, breaks):
             along = min(max(side_along[at], middle), 1.0 - middle)
         u = nodes[start, 0] + along * (nodes[end, 0] - nodes[start, 0])
         v = nodes[start, 1] + along * (nodes[end, 1] - nodes[start, 1])
-        breaks[n, 0], breaks[n, 1], breaks[n, 2] = u, v, surface_height(heights, u, v)
+        places[n, 0], places[n, 1], places[n, 2] = u, v, surface_height(heights, u, v)
 
 
 @njit(nogil=True, cache=True)
@@ -338,7 +333,7 @@ def _most_significant(heights, start, end, tolerance, away):
 
 
 @njit(nogil=True, cache=True)
-def find_significant(faces, mesh, heights, aspect, tolerance, away, share, side_state, broken, breaks):
+def find_significant(faces, mesh, heights, aspect, tolerance, away, share, side_state, broken, places):
     """Look at every edge of some faces once for its most significant point, as the paper does.
 
     Parameters
@@ -352,7 +347,7 @@ def find_significant(faces, mesh, heights, aspect, tolerance, away, share, side_
         The same as a share of the edge's length.
     broken : int32 (≥ 3 * n,)
         Takes the sides that are broken.
-    breaks : float64 (≥ 3 * n, 3)
+    places : float64 (≥ 3 * n, 3)
         Takes their nodes.
 
     Returns
@@ -377,7 +372,7 @@ def find_significant(faces, mesh, heights, aspect, tolerance, away, share, side_
                 continue
             at = at if is_forward else 1.0 - at
             u, v = nodes[a, 0] + at * east, nodes[a, 1] + at * north
-            breaks[count, 0], breaks[count, 1], breaks[count, 2] = u, v, surface_height(heights, u, v)
+            places[count, 0], places[count, 1], places[count, 2] = u, v, surface_height(heights, u, v)
             broken[count] = side
             count += 1
     return count

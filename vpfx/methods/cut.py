@@ -16,10 +16,10 @@ import numpy as np
 from numba import njit
 
 from vpfx.methods.scan import surface_height
+from vpfx.topology import NONE
 
-__all__ = ["MOST_CHILDREN", "NONE", "choose_diagonals", "cut_faces"]
+__all__ = ["MOST_CHILDREN", "choose_diagonals", "cut_faces"]
 
-NONE = -1
 MOST_CHILDREN = 4
 
 

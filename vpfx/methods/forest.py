@@ -12,8 +12,8 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from vpfx.methods.cut import MOST_CHILDREN, NONE, cut_faces
-from vpfx.topology import find_twins
+from vpfx.methods.cut import MOST_CHILDREN, cut_faces
+from vpfx.topology import NONE, find_twins
 
 __all__ = ["Forest"]
 

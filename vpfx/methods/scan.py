@@ -10,9 +10,10 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
+from vpfx.topology import NONE
+
 __all__ = ["Candidates", "ScanRule", "candidates", "measure", "scan_faces", "surface_height"]
 
-NONE = -1
 # A post this near a face's edge counts as inside, in posts: no post may fall between two faces by rounding.
 EDGE_SLACK = 1e-9
 

@@ -31,7 +31,7 @@ from vpfx.model import Hierarchy
 __all__ = ["METHOD", "build"]
 
 Faces = NDArray[np.int32]
-Breaks = NDArray[np.float64]
+Places = NDArray[np.float64]
 
 ROUNDING = 1e-9  # metres: heights that differ by less are taken as equal in pass mode
 LEAST_SHARE = 1e-6  # of an edge: nearer to an end, or to an edge from inside, a node would make a face without area
@@ -87,16 +87,16 @@ class _Mesh:
         )  # fmt: skip
         return found
 
-    def break_borders(self, faces: Faces, level: int) -> tuple[Faces, Breaks]:
+    def break_borders(self, faces: Faces, level: int) -> tuple[Faces, Places]:
         """Return the sides of faces that fixed borders break at a level, and their nodes."""
         limits = np.array([b.limit[level] if b.is_fixed else -1 for b in self.patch.borders], np.int64)
-        broken, breaks_ = np.empty(3 * len(faces), np.int32), np.empty((3 * len(faces), 3))
+        broken, places = np.empty(3 * len(faces), np.int32), np.empty((3 * len(faces), 3))
         n = breaks.force_border_breaks(
-            faces, self.forest.mesh, self.ranks, limits, self.patch.heights, self.forest.side_state, broken, breaks_
+            faces, self.forest.mesh, self.ranks, limits, self.patch.heights, self.forest.side_state, broken, places
         )
-        return broken[:n], breaks_[:n]
+        return broken[:n], places[:n]
 
-    def cut(self, faces: Faces, broken: Faces, places: Breaks, bound: float, found: Candidates) -> Faces:
+    def cut(self, faces: Faces, broken: Faces, places: Places, bound: float, found: Candidates) -> Faces:
         """Break sides, and scanned faces without a broken side inside; return the children, none if nothing was cut."""
         forest, patch = self.forest, self.patch
         seed = patch.seed + forest.n_node
@@ -173,7 +173,7 @@ def checked(options: Mapping[str, Any]) -> dict[str, Any]:
         found["passes"] = whole_number(options["passes"], "wynne: passes", 0, MOST_LEVELS - 1)
     for name in PASS_OPTIONS:
         found[name] = number(options[name], f"wynne: {name}", 0, 0.5 if name == "xy_ratio" else np.inf)
-    if options["diagonal"] not in DIAGONALS:
+    if options["diagonal"] not in [*DIAGONALS]:
         raise InputError(f"wynne: found diagonal {options['diagonal']!r}, expected one of: {', '.join(DIAGONALS)}")
     if options["start"] not in ("grid", "delaunay"):
         raise InputError(f"wynne: found start {options['start']!r}, expected grid or delaunay")
