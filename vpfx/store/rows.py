@@ -97,6 +97,11 @@ class TileRows(NamedTuple):
     levels: list[LevelRows]
     next_ids: FirstIds
 
+    def tables(self, level: int) -> dict[str, Table]:
+        """Return what of a level does not hang on other tiles, by the names of the tables."""
+        edges, faces, links, _ = self.levels[level]
+        return {"node": self.nodes[level].table(), "edge": edges, "face": faces, "parent_child": links}
+
 
 @dataclass(frozen=True)
 class _TileNodes:

@@ -9,8 +9,9 @@ from __future__ import annotations
 import json
 import os
 import sqlite3
-from collections.abc import Mapping, Sequence
-from concurrent.futures import ThreadPoolExecutor
+from collections import deque
+from collections.abc import Iterable, Mapping
+from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import suppress
 from pathlib import Path
 from types import TracebackType
@@ -25,7 +26,7 @@ from vpfx.store.ddl import schema_sql
 from vpfx.store.digest import Digest
 from vpfx.store.geopackage import APPLICATION_ID, USER_VERSION, register
 from vpfx.store.pages import PageWriter, reason_of
-from vpfx.store.rows import FirstIds, LevelRows, NodeRows, OpenSides, Place, Table, border_rows, tile_rows
+from vpfx.store.rows import FirstIds, NodeRows, OpenSides, Place, Table, TileRows, border_rows, tile_rows
 from vpfx.store.summary import LevelSummary
 from vpfx.store.tiles import Tile, Tiling
 
@@ -90,7 +91,8 @@ class StoreWriter:
         self._shared: list[NodeRows] = []
         self._border_digests = [Digest() for _ in range(tiling.n_level)]
         self._tile_levels: list[tuple[Any, ...]] = []
-        self._hashing = ThreadPoolExecutor(1)  # hashing leaves the interpreter to the others
+        self._behind = ThreadPoolExecutor(1)  # makes the rows of the next tile while those of this one are written
+        self._waiting: deque[Future[tuple[Tile, TileRows, list[bytes]]]] = deque()
         n = tiling.n_level
         self._counts = np.zeros((n, 3), np.int64)  # nodes first seen at the level, edges, faces
         self._errors = np.zeros((n, 3))  # greatest error, sum of squares, posts
@@ -127,36 +129,45 @@ class StoreWriter:
         post_metres : tuple of float
             Width and height of a post spacing in the tile, metres.
         """
-        for *_, digest in self._tile_levels[-self._tiling.n_level :]:
-            digest.result()  # of the tile before: its rows are not needed any more
-        rows = tile_rows(hierarchy, tile, self._tiling, self._place, post_metres, self._next)
-        try:
-            for level, nodes in enumerate(rows.nodes):
-                self._add_level(tile, level, nodes, rows.levels[level])
-        except (OSError, sqlite3.Error) as error:
-            raise StoreError(f"{self.path}: cannot be written: {reason_of(error)}") from error
+        self._waiting.append(self._behind.submit(self._make_rows, tile, hierarchy, post_metres))
         for level in range(hierarchy.n_level):
             self._errors[level, 0] = max(self._errors[level, 0], hierarchy.max_error[level])
             self._errors[level, 1:] += hierarchy.squared_error[level], hierarchy.n_post[level]
-        self._shared.append(rows.shared_nodes)
-        self._next = rows.next_ids
+        if len(self._waiting) > 1:
+            self._write_first()
 
-    def _add_level(self, tile: Tile, level: int, nodes: NodeRows, part: LevelRows) -> None:
+    def _make_rows(
+        self, tile: Tile, hierarchy: Hierarchy, post_metres: tuple[float, float]
+    ) -> tuple[Tile, TileRows, list[bytes]]:
+        """Rows of the next tile, and digests of its levels; in a thread of its own, tile by tile."""
+        rows = tile_rows(hierarchy, tile, self._tiling, self._place, post_metres, self._next)
+        self._next = rows.next_ids
+        return tile, rows, [_digest(rows.tables(level).values()) for level in range(len(rows.levels))]
+
+    def _write_first(self) -> None:
+        """Write the rows of the first tile that waits."""
+        tile, rows, digests = self._waiting.popleft().result()
+        try:
+            for level, digest in enumerate(digests):
+                self._write_level(tile, level, rows.tables(level), digest)
+                self._open[level].append(rows.levels[level].open_sides)
+        except (OSError, sqlite3.Error) as error:
+            raise StoreError(f"{self.path}: cannot be written: {reason_of(error)}") from error
+        self._shared.append(rows.shared_nodes)
+
+    def _write_level(self, tile: Tile, level: int, tables: Mapping[str, Table], digest: bytes) -> None:
         """Write the rows of one tile and level that do not hang on other tiles."""
-        children, parents = part.links
-        by_parent = np.lexsort((children, parents))
-        tables = {"node": nodes.table(), "edge": part.edges, "face": part.faces, "parent_child": part.links}
-        digest = self._hashing.submit(_digest, list(tables.values()))
         limits: list[int | None] = []
         for name, table in tables.items():
             self._pages.append(name, table)
             if name != "parent_child":
                 limits += [int(table[0][0]), int(table[0][-1])] if len(table[0]) else [None, None]
+        children, parents = tables["parent_child"]
+        by_parent = np.lexsort((children, parents))
         self._pages.append("parent_child_by_parent", (parents[by_parent], children[by_parent]))
         number = tile.number * self._tiling.n_level + level + 1
         self._tile_levels.append((number, tile.number + 1, level, *limits, digest))
-        self._counts[level] += len(nodes.node_id), len(part.edges[0]), len(part.faces[0])
-        self._open[level].append(part.open_sides)
+        self._counts[level] += [len(tables[name][0]) for name in ("node", "edge", "face")]
 
     def finish(
         self, bounds: list[float | None], metadata: Mapping[str, Any], sources: list[tuple[str, str, int, str]]
@@ -172,6 +183,8 @@ class StoreWriter:
         sources : list of (name, sha256, byte_count, driver)
         """
         try:
+            while self._waiting:
+                self._write_first()
             self._write_borders()
             self._pages.close()
             summary = self._summary(bounds)
@@ -234,8 +247,7 @@ class StoreWriter:
         connection.executemany("INSERT INTO tile VALUES (?, ?, ?, ?, ?, ?)", tiles)
         boxes = [(number, xmin, xmax, ymin, ymax) for number, _, xmin, ymin, xmax, ymax in tiles]
         connection.executemany("INSERT INTO tile_index VALUES (?, ?, ?, ?, ?)", boxes)
-        tile_levels = [(*row, digest.result()) for *row, digest in self._tile_levels]
-        connection.executemany(f"INSERT INTO tile_level VALUES ({', '.join('?' * 10)})", tile_levels)
+        connection.executemany(f"INSERT INTO tile_level VALUES ({', '.join('?' * 10)})", self._tile_levels)
         lines = self._tiling.row_lines[-1], self._tiling.col_lines[-1]
         whole = Tile(0, 0, 0, 0, int(lines[0]), 0, int(lines[1]))
         register(connection, self._wkt, self._extent(whole), len(summary))
@@ -278,14 +290,14 @@ class StoreWriter:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        self._hashing.shutdown(cancel_futures=True)
+        self._behind.shutdown(cancel_futures=True)
         try:
             self._pages.__exit__(kind, error, trace)
         finally:
             self._discard()
 
 
-def _digest(tables: Sequence[Table]) -> bytes:
+def _digest(tables: Iterable[Table]) -> bytes:
     """Digest of the rows of some tables."""
     digest = Digest()
     for table in tables:
