@@ -18,13 +18,13 @@ from numba import njit
 from vpfx.methods.scan import surface_height
 from vpfx.topology import NONE
 
-__all__ = ["MOST_CHILDREN", "choose_diagonals", "cut_faces"]
+__all__ = ["MOST_CHILDREN", "choose_diagonal", "choose_diagonals", "cut_faces", "cut_one"]
 
 MOST_CHILDREN = 4
 
 
 @njit(nogil=True, cache=True)
-def _cut_one(face, side_node, p, flip, n, child, inner, halves):
+def cut_one(face, side_node, p, flip, n, child, inner, halves):
     """Write the children of one face at child[n:], return how many.
 
     child (n_child, 3), the nodes of all faces, gets theirs; inner (3 * n_child,) the twins of sides between siblings; halves
@@ -122,7 +122,7 @@ def cut_faces(faces, inner_node, is_flipped, face_nodes, side_twin, side_node, f
         face = faces[k]
         for side in range(3 * n, 3 * (n + MOST_CHILDREN)):
             side_twin[side] = side_node[side] = NONE
-        added = _cut_one(face, side_node, inner_node[k], is_flipped[k], n, face_nodes, side_twin, halves[k])
+        added = cut_one(face, side_node, inner_node[k], is_flipped[k], n, face_nodes, side_twin, halves[k])
         first_child[face], n_child[face], slot[face] = n, added, k
         for child in range(n, n + added):
             first_child[child], n_child[child], slot[child] = NONE, 0, NONE
@@ -164,6 +164,26 @@ def _chord_error(heights, start, end):
 
 
 @njit(nogil=True, cache=True)
+def choose_diagonal(face, nodes, face_nodes, side_node, heights, aspect, rule, seed):
+    """Choose the diagonal of rule 2; False for a face that has not two broken sides. See `choose_diagonals`."""
+    m = side_node[3 * face : 3 * face + 3]
+    if (m[0] != NONE) + (m[1] != NONE) + (m[2] != NONE) != 2:
+        return False
+    i = 0
+    while m[i] == NONE or m[(i + 1) % 3] == NONE:
+        i += 1
+    a, b = nodes[face_nodes[face, i]], nodes[m[(i + 1) % 3]]
+    c, d = nodes[m[i]], nodes[face_nodes[face, (i + 2) % 3]]
+    if rule == 1:
+        return _mixed(seed, face) & np.uint64(1) == np.uint64(1)
+    if rule == 2:
+        return _chord_error(heights, c, d) < _chord_error(heights, a, b)
+    plain = ((a[0] - b[0]) * aspect) ** 2 + (a[1] - b[1]) ** 2
+    other = ((d[0] - c[0]) * aspect) ** 2 + (d[1] - c[1]) ** 2
+    return other < plain
+
+
+@njit(nogil=True, cache=True)
 def choose_diagonals(faces, nodes, face_nodes, side_node, heights, aspect, rule, seed):
     """Choose the diagonal of rule 2 in those of some faces that have two broken sides.
 
@@ -177,23 +197,7 @@ def choose_diagonals(faces, nodes, face_nodes, side_node, heights, aspect, rule,
     bool (n,)
         True for the diagonal from the break of the first broken side, see `cut_faces`.
     """
-    is_flipped = np.zeros(len(faces), np.bool_)
+    is_flipped = np.empty(len(faces), np.bool_)
     for k in range(len(faces)):
-        face = faces[k]
-        m = side_node[3 * face : 3 * face + 3]
-        if (m[0] != NONE) + (m[1] != NONE) + (m[2] != NONE) != 2:
-            continue
-        i = 0
-        while m[i] == NONE or m[(i + 1) % 3] == NONE:
-            i += 1
-        a, b = nodes[face_nodes[face, i]], nodes[m[(i + 1) % 3]]
-        c, d = nodes[m[i]], nodes[face_nodes[face, (i + 2) % 3]]
-        if rule == 1:
-            is_flipped[k] = _mixed(seed, face) & np.uint64(1) == np.uint64(1)
-        elif rule == 2:
-            is_flipped[k] = _chord_error(heights, c, d) < _chord_error(heights, a, b)
-        else:
-            plain = ((a[0] - b[0]) * aspect) ** 2 + (a[1] - b[1]) ** 2
-            other = ((d[0] - c[0]) * aspect) ** 2 + (d[1] - c[1]) ** 2
-            is_flipped[k] = other < plain
+        is_flipped[k] = choose_diagonal(faces[k], nodes, face_nodes, side_node, heights, aspect, rule, seed)
     return is_flipped

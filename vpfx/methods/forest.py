@@ -78,6 +78,11 @@ class Forest:
         """Nodes, face_nodes and side_twin, as kernels take them."""
         return self.nodes, self.face_nodes, self.side_twin
 
+    @property
+    def tree(self) -> tuple[Any, Any, Any, Any, Any, Any]:
+        """Nodes, face_nodes, side_twin, side_node, and first and number of the children of each face, as kernels take them."""
+        return *self.mesh, self.side_node, self._first_child, self._n_child
+
     def add_nodes(self, nodes: NDArray[np.float64]) -> int:
         """Add nodes and return the index of the first."""
         first = self.n_node

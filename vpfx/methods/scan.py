@@ -12,7 +12,7 @@ from numba import njit
 
 from vpfx.topology import NONE
 
-__all__ = ["Candidates", "ScanRule", "candidates", "measure", "scan_faces", "surface_height"]
+__all__ = ["Candidates", "ScanRule", "candidates", "face_holds", "measure", "scan_faces", "surface_height"]
 
 # A post this near a face's edge counts as inside, in posts: no post may fall between two faces by rounding.
 EDGE_SLACK = 1e-9
@@ -122,24 +122,69 @@ def _columns(corner, steps, row, n_col):
 
 
 @njit(nogil=True, cache=True, inline="always")
-def _measure_sides(corner, area, aspect, band, inner_share, inner_away, steps):
-    """Fill steps (3, 7) with what decides whether a post at (col, row) counts for side i.
+def _place_sides(corner, steps):
+    """Fill what `_columns` and the cross products need of steps (3, 7), see `_measure_sides`."""
+    for i in range(3):
+        j = (i + 1) % 3
+        east, north = corner[j, 0] - corner[i, 0], corner[j, 1] - corner[i, 1]
+        steps[i, 0] = north * corner[i, 0] - east * corner[i, 1]
+        steps[i, 1], steps[i, 2] = -north, east
+        steps[i, 6] = east / north if north != 0.0 else 0.0
+
+
+@njit(nogil=True, cache=True, inline="always")
+def _measure_sides(area, aspect, band, inner_share, inner_away, steps):
+    """Fill the rest of steps (3, 7): what decides whether a post at (col, row) counts for side i.
 
     cross = steps[i, 0] + steps[i, 1] * col + steps[i, 2] * row is twice the area between side and post, so its distance
     times a length; up to steps[i, 3] the post is in the band, from steps[i, 4] on it is in the middle. steps[i, 5] is
     the squared length, steps[i, 6] how far the side goes east for each row to the north.
     """
     for i in range(3):
-        j = (i + 1) % 3
-        east, north = corner[j, 0] - corner[i, 0], corner[j, 1] - corner[i, 1]
-        square = (east * aspect) ** 2 + north * north
+        square = (steps[i, 2] * aspect) ** 2 + steps[i, 1] * steps[i, 1]
         width = np.sqrt(square) / aspect
-        steps[i, 0] = north * corner[i, 0] - east * corner[i, 1]
-        steps[i, 1], steps[i, 2] = -north, east
         steps[i, 3] = band * width
         steps[i, 4] = max(inner_share * area, inner_away * width)
         steps[i, 5] = square
-        steps[i, 6] = east / north if north != 0.0 else 0.0
+
+
+@njit(nogil=True, cache=True, inline="always")
+def _plane(corner):
+    """Twice the area of a face, and how much its plane rises for each column and each row."""
+    ax, ay, az = corner[0, 0], corner[0, 1], corner[0, 2]
+    bx, by, cx, cy = corner[1, 0], corner[1, 1], corner[2, 0], corner[2, 1]
+    rise_b, rise_c = corner[1, 2] - az, corner[2, 2] - az
+    area = (bx - ax) * (cy - ay) - (cx - ax) * (by - ay)
+    east = (rise_b * (cy - ay) - rise_c * (by - ay)) / area
+    north = (rise_c * (bx - ax) - rise_b * (cx - ax)) / area
+    return area, east, north
+
+
+@njit(nogil=True, cache=True, inline="always")
+def _rows(corner, n_row):
+    """First and last row of posts that a face reaches."""
+    south, north = min(corner[0, 1], corner[1, 1], corner[2, 1]), max(corner[0, 1], corner[1, 1], corner[2, 1])
+    return max(0, int(np.ceil(south - EDGE_SLACK))), min(n_row - 1, int(np.floor(north + EDGE_SLACK)))
+
+
+@njit(nogil=True, cache=True)
+def face_holds(face, nodes, face_nodes, heights, bound):
+    """Tell whether no post of a face is off by more than the bound; the arithmetic is that of `scan_faces`."""
+    n_row, n_col = heights.shape
+    corner, steps = np.empty((3, 3)), np.empty((3, 7))
+    for i in range(3):
+        for j in range(3):
+            corner[i, j] = nodes[face_nodes[face, i], j]
+    _, east, north = _plane(corner)
+    _place_sides(corner, steps)
+    south, top = _rows(corner, n_row)
+    for row in range(south, top + 1):
+        first, last = _columns(corner, steps, row, n_col)
+        base = corner[0, 2] + north * (row - corner[0, 1]) - east * corner[0, 0]
+        for col in range(first, last + 1):
+            if abs(heights[row, col] - (base + east * col)) > bound:
+                return False
+    return True
 
 
 @njit(nogil=True, cache=True)
@@ -180,21 +225,16 @@ def scan_faces(faces, mesh, heights, residual, bound, aspect, rule, face_error, 
         for i in range(3):
             for j in range(3):
                 corner[i, j] = nodes[face_nodes[face, i], j]
-        ax, ay, az = corner[0, 0], corner[0, 1], corner[0, 2]
-        bx, by, cx, cy = corner[1, 0], corner[1, 1], corner[2, 0], corner[2, 1]
-        rise_b, rise_c = corner[1, 2] - az, corner[2, 2] - az
-        area = (bx - ax) * (cy - ay) - (cx - ax) * (by - ay)
-        gradient = (rise_b * (cy - ay) - rise_c * (by - ay)) / area
-        north = (rise_c * (bx - ax) - rise_b * (cx - ax)) / area
-        _measure_sides(corner, area, aspect, band, inner_share, inner_away, steps)
+        area, east, north = _plane(corner)
+        _place_sides(corner, steps)
+        _measure_sides(area, aspect, band, inner_share, inner_away, steps)
         worst, worst_post, inner, inner_at = 0.0, NONE, bound, NONE
-        south = max(0, int(np.ceil(min(ay, by, cy) - EDGE_SLACK)))
-        top = min(n_row - 1, int(np.floor(max(ay, by, cy) + EDGE_SLACK)))
+        south, top = _rows(corner, n_row)
         for row in range(south, top + 1):
             first, last = _columns(corner, steps, row, n_col)
-            base = az + north * (row - ay) - gradient * ax
+            base = corner[0, 2] + north * (row - corner[0, 1]) - east * corner[0, 0]
             for col in range(first, last + 1):
-                error = abs(heights[row, col] - (base + gradient * col))
+                error = abs(heights[row, col] - (base + east * col))
                 residual[row, col] = error
                 if error > worst:  # never for NaN
                     worst, worst_post = error, row * n_col + col

@@ -26,6 +26,7 @@ from vpfx.methods.cut import choose_diagonals
 from vpfx.methods.forest import Forest
 from vpfx.methods.scan import Candidates, ScanRule, candidates, measure, scan_faces
 from vpfx.methods.start import start_mesh
+from vpfx.methods.undo import undo_breaks
 from vpfx.model import Hierarchy
 
 __all__ = ["METHOD", "build"]
@@ -41,6 +42,7 @@ GUARD = 0.62  # an edge may break if it is at least this share of the longest ed
 MIDDLE = 0.35  # a break keeps this share of the edge from both its ends
 BAND = ScanRule(band=0.45, end_share=0.15, inner_share=0.3, inner_away=0.0)
 BOUND_SLACK = 1e-6  # the builder works to the bound less this share, so that rounding never shows a post over it
+SWEEPS = 2  # through the cuts of a level, to take back needless breaks
 MOST_LEVELS = 32
 MOST_PASSES = 1000  # a level takes 10 to 40; more is a bug
 
@@ -74,6 +76,7 @@ class _Mesh:
         self.leaves = np.arange(self.forest.n_face, dtype=np.int32)
         self.residual = np.full(patch.heights.shape, np.nan)
         self.diagonal = DIAGONALS[options["diagonal"]]
+        self.faces_cut: list[Faces] = []  # of each pass since they were last taken from here
         most = max(len(border.rank) for border in patch.borders)
         self.ranks = np.stack([np.pad(b.rank, (0, most - len(b.rank))) for b in patch.borders])
 
@@ -86,6 +89,13 @@ class _Mesh:
             tuple(found),
         )  # fmt: skip
         return found
+
+    def measure(self) -> tuple[float, float, int]:
+        """Compare the leaves that were never scanned with their posts; return the figures of all posts."""
+        new = self.leaves[np.isinf(self.forest.face_error[self.leaves])]
+        self.scan(new, np.inf, BAND)
+        self.forest.slot[new] = -1
+        return measure(self.residual, self.patch.is_owned)
 
     def break_borders(self, faces: Faces, level: int) -> tuple[Faces, Places]:
         """Return the sides of faces that fixed borders break at a level, and their nodes."""
@@ -106,6 +116,7 @@ class _Mesh:
             faces, broken, forest.n_node, forest.mesh, bound, forest.face_error, forest.side_node, tuple(found), to_cut, post
         )  # fmt: skip
         to_cut, post = to_cut[:n_cut], post[:n_cut]
+        self.faces_cut.append(to_cut)
         row, col = np.divmod(post[post >= 0], patch.heights.shape[1])
         forest.add_nodes(places)
         inner_node = np.where(post >= 0, forest.n_node - (n_cut - len(row)) + np.arange(n_cut), -1).astype(np.int32)
@@ -114,6 +125,17 @@ class _Mesh:
             to_cut, forest.nodes, forest.face_nodes, forest.side_node, patch.heights, patch.aspect, self.diagonal, seed
         )
         return forest.cut(to_cut, inner_node, is_flipped)
+
+    def undo(self, bound: float) -> None:
+        """Take back what turned out needless of the cuts made since the last call."""
+        forest, patch = self.forest, self.patch
+        last_first = np.concatenate(self.faces_cut)[::-1]
+        self.faces_cut.clear()
+        for _ in range(SWEEPS):
+            undo_breaks(
+                last_first, forest.tree, forest.side_state, forest.face_error, patch.heights, patch.aspect, bound,
+                self.diagonal, patch.seed,
+            )  # fmt: skip
 
 
 def _reach_bound(mesh: _Mesh, level: int, bound: float) -> None:
@@ -138,6 +160,7 @@ def _reach_bound(mesh: _Mesh, level: int, bound: float) -> None:
         if len(new) == 0:
             if (forest.face_error[over] > bound).any():
                 raise InvariantError(f"wynne: level {level}: found a face off by more than {bound} m that nothing cuts")
+            mesh.undo(bound)
             return
         is_left = (forest.face_error[over] > bound) & forest.is_leaf(over)
         over = np.concatenate([over[is_left], new])
@@ -247,25 +270,27 @@ def build(patch: Patch, options: Mapping[str, Any]) -> Hierarchy:
     rules = levels(options)
     mesh = _Mesh(patch, options)
     forest = mesh.forest
-    faces, links, filled, counts, measures = [], [], [], [], []
+    faces, links, filled, measures = [], [], [], []
     for level, rule in enumerate(rules):
         if rule is not None and rule.repeats:
             _reach_bound(mesh, level, _checked_bounds(options)[level])
         elif rule is not None:
             _one_pass(mesh, level, options)
         mesh.leaves, parent = forest.leaves(mesh.leaves)
-        if rule is None or not rule.repeats:
-            mesh.scan(mesh.leaves, 0.0, BAND)
         if level:
             links.append(np.stack([parent, np.arange(len(parent), dtype=np.int32)], axis=1))
         faces.append(forest.face_nodes[mesh.leaves])
         filled.append(forest.is_filled[mesh.leaves])
-        counts.append(forest.n_node)
-        measures.append(measure(mesh.residual, patch.is_owned))
+        measures.append(mesh.measure())
     errors, squared, posts = zip(*measures, strict=True)
-    node_level = np.repeat(np.arange(len(counts), dtype=np.int32), np.diff(counts, prepend=0))
+    node_level = np.full(forest.n_node, len(faces), np.int32)  # as long as no face has the node
+    for level in reversed(range(len(faces))):
+        node_level[faces[level]] = level
+    is_used = node_level < len(faces)
+    index = (np.cumsum(is_used) - 1).astype(np.int32)
+    nodes, level_faces = forest.nodes[: forest.n_node][is_used], tuple(index[level] for level in faces)
     return Hierarchy(
-        forest.nodes[: forest.n_node].copy(), node_level, tuple(faces), tuple(links), tuple(filled),
+        nodes, node_level[is_used], level_faces, tuple(links), tuple(filled),
         tuple(_checked_bounds(options) if options["passes"] is None else [float("nan")] * len(faces)), errors, squared, posts,
     )  # fmt: skip
 

@@ -1,0 +1,163 @@
+"""Taking back breaks that turned out needless, the last ones first (specs/methods.md M-145).
+
+A break on an edge is taken back if both faces at it have only leaves as children, and no post is off by more than the
+bound when the two are cut again without it; a node inside a face likewise. So rules 1 to 4 stay the only ways to cut.
+Arrays are those of `vpfx.methods.forest.Forest`, `forest` the tuple nodes, face_nodes, side_twin, side_node, first_child,
+n_child.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+
+from vpfx.methods.breaks import KEPT, OPEN
+from vpfx.methods.cut import MOST_CHILDREN, choose_diagonal, cut_one
+from vpfx.methods.scan import face_holds
+from vpfx.topology import NONE
+
+__all__ = ["undo_breaks"]
+
+
+@njit(nogil=True, cache=True)
+def _has_only_leaves(face, forest):
+    """Tell whether a face is cut, but none of its children."""
+    first_child, n_child = forest[4], forest[5]
+    for child in range(first_child[face], first_child[face] + n_child[face]):
+        if n_child[child] != 0:
+            return False
+    return n_child[face] != 0
+
+
+@njit(nogil=True, cache=True)
+def _find_outer(face, forest, outer):
+    """Fill outer (3, 2) with the twins of the child sides on the two halves of each side; a whole side has only the first."""
+    _, face_nodes, side_twin, side_node, first_child, n_child = forest
+    for i in range(3):
+        start, end, middle = face_nodes[face, i], face_nodes[face, (i + 1) % 3], side_node[3 * face + i]
+        outer[i, 0] = outer[i, 1] = NONE
+        for child in range(first_child[face], first_child[face] + n_child[face]):
+            for j in range(3):
+                a, b = face_nodes[child, j], face_nodes[child, (j + 1) % 3]
+                if a == start and b == (end if middle == NONE else middle):
+                    outer[i, 0] = side_twin[3 * child + j]
+                elif a == middle and b == end:
+                    outer[i, 1] = side_twin[3 * child + j]
+
+
+@njit(nogil=True, cache=True)
+def _would_hold(face, forest, heights, aspect, bound, diagonal, seed):
+    """Tell whether a face cut anew by the breaks it has keeps the bound."""
+    nodes, face_nodes, _, side_node, _, _ = forest
+    flip = choose_diagonal(face, nodes, face_nodes, side_node, heights, aspect, diagonal, seed)
+    tried = np.empty((1 + MOST_CHILDREN, 3), np.int32)
+    tried[0] = face_nodes[face]
+    broken = side_node[3 * face : 3 * face + 3]
+    if broken[0] == NONE and broken[1] == NONE and broken[2] == NONE:
+        return face_holds(0, nodes, tried, heights, bound)
+    twins, halves = np.empty(3 * len(tried), np.int32), np.empty((3, 2), np.int32)
+    for child in range(1, 1 + cut_one(0, broken, NONE, flip, 1, tried, twins, halves)):
+        if not face_holds(child, nodes, tried, heights, bound):
+            return False
+    return True
+
+
+@njit(nogil=True, cache=True)
+def _cut_anew(face, forest, side_state, face_error, heights, aspect, diagonal, seed, halves):
+    """Cut a face by the breaks it has, in the place of its children, or make it a leaf; halves (3, 2) as in `cut_one`."""
+    nodes, face_nodes, side_twin, side_node, first_child, n_child = forest
+    flip = choose_diagonal(face, nodes, face_nodes, side_node, heights, aspect, diagonal, seed)
+    broken = side_node[3 * face : 3 * face + 3]
+    if broken[0] == NONE and broken[1] == NONE and broken[2] == NONE:
+        n_child[face] = 0
+        face_error[face] = np.inf
+        for i in range(3):
+            side_twin[3 * face + i] = NONE
+            halves[i, 0] = halves[i, 1] = 3 * face + i
+        return
+    first = first_child[face]
+    side_twin[3 * first : 3 * (first + n_child[face])] = NONE
+    side_state[3 * first : 3 * (first + n_child[face])] = OPEN
+    n_child[face] = cut_one(face, side_node, NONE, flip, first, face_nodes, side_twin, halves)
+    face_error[first : first + n_child[face]] = np.inf
+
+
+@njit(nogil=True, cache=True)
+def _join(halves, outer, side_twin):
+    """Make the child sides of a face and those outside it twins again; NONE in `outer` leaves a side alone."""
+    for i in range(3):
+        for h in range(2):
+            if outer[i, h] != NONE:
+                side_twin[halves[i, h]] = outer[i, h]
+                side_twin[outer[i, h]] = halves[i, h]
+
+
+@njit(nogil=True, cache=True)
+def undo_breaks(faces, forest, side_state, face_error, heights, aspect, bound, diagonal, seed):
+    """Take back what the bound does not need.
+
+    Parameters
+    ----------
+    faces : int32 (n,)
+        Faces that were cut, in the order in which to try.
+    side_state
+        Sides of fixed borders are KEPT; those of faces that are new become OPEN.
+    face_error
+        Becomes infinite for faces that are new, or leaves again.
+    bound : float
+        It holds on all leaves, before and after.
+    diagonal, seed : int
+        As for `vpfx.methods.cut.choose_diagonals`.
+
+    Returns
+    -------
+    int
+        Breaks taken back.
+
+    Notes
+    -----
+    Cost: O(n + posts of the faces). Nodes that are left over stay in the forest.
+    """
+    _, _, side_twin, side_node, _, _ = forest
+    outer, other_outer = np.empty((3, 2), np.int32), np.empty((3, 2), np.int32)
+    halves, other_halves = np.empty((3, 2), np.int32), np.empty((3, 2), np.int32)
+    count = 0
+    for face in faces:
+        sides = side_node[3 * face : 3 * face + 3]
+        if _has_only_leaves(face, forest) and sides[0] == NONE and sides[1] == NONE and sides[2] == NONE:
+            if _would_hold(face, forest, heights, aspect, bound, diagonal, seed):  # rule 4
+                _find_outer(face, forest, outer)
+                _cut_anew(face, forest, side_state, face_error, heights, aspect, diagonal, seed, halves)
+                _join(halves, outer, side_twin)
+                count += 1
+            continue
+        for side in range(3 * face, 3 * face + 3):
+            node, twin = side_node[side], side_twin[side]
+            other = NONE if twin == NONE else twin // 3
+            if node == NONE or side_state[side] == KEPT or not _has_only_leaves(face, forest):
+                continue
+            if other != NONE and not _has_only_leaves(other, forest):
+                continue
+            _find_outer(face, forest, outer)
+            side_node[side] = NONE
+            is_needless = _would_hold(face, forest, heights, aspect, bound, diagonal, seed)
+            if other != NONE:
+                _find_outer(other, forest, other_outer)
+                side_node[twin] = NONE
+                is_needless = is_needless and _would_hold(other, forest, heights, aspect, bound, diagonal, seed)
+            if not is_needless:
+                side_node[side] = node
+                if other != NONE:
+                    side_node[twin] = node
+                continue
+            outer[side % 3] = NONE
+            _cut_anew(face, forest, side_state, face_error, heights, aspect, diagonal, seed, halves)
+            _join(halves, outer, side_twin)
+            if other != NONE:
+                other_outer[twin % 3] = NONE
+                _cut_anew(other, forest, side_state, face_error, heights, aspect, diagonal, seed, other_halves)
+                _join(other_halves, other_outer, side_twin)
+                side_twin[halves[side % 3, 0]] = other_halves[twin % 3, 0]
+                side_twin[other_halves[twin % 3, 0]] = halves[side % 3, 0]
+            count += 1
+    return count
