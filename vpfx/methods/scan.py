@@ -168,10 +168,12 @@ def _rows(corner, n_row):
 
 
 @njit(nogil=True, cache=True)
-def face_holds(face, nodes, face_nodes, heights, bound):
-    """Tell whether no post of a face is off by more than the bound; the arithmetic is that of `scan_faces`."""
+def face_holds(face, nodes, face_nodes, heights, bound, corner, steps):
+    """Tell whether no post of a face is off by more than the bound; the arithmetic is that of `scan_faces`.
+
+    `corner` (3, 3) and `steps` (3, 7) are room to work in.
+    """
     n_row, n_col = heights.shape
-    corner, steps = np.empty((3, 3)), np.empty((3, 7))
     for i in range(3):
         for j in range(3):
             corner[i, j] = nodes[face_nodes[face, i], j]

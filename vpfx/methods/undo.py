@@ -30,6 +30,12 @@ def _has_only_leaves(face, forest):
 
 
 @njit(nogil=True, cache=True)
+def _is_whole(face, side_node):
+    """Tell whether no side of a face is broken."""
+    return side_node[3 * face] == NONE and side_node[3 * face + 1] == NONE and side_node[3 * face + 2] == NONE
+
+
+@njit(nogil=True, cache=True)
 def _find_outer(face, forest, outer):
     """Fill outer (3, 2) with the twins of the child sides on the two halves of each side; a whole side has only the first."""
     _, face_nodes, side_twin, side_node, first_child, n_child = forest
@@ -46,20 +52,29 @@ def _find_outer(face, forest, outer):
 
 
 @njit(nogil=True, cache=True)
-def _would_hold(face, forest, heights, aspect, bound, diagonal, seed):
-    """Tell whether a face cut anew by the breaks it has keeps the bound."""
+def _would_hold(face, forest, face_error, heights, aspect, bound, diagonal, seed, room):
+    """Tell whether a face cut anew by the breaks it has keeps the bound; `room` is what `_make_room` returns."""
     nodes, face_nodes, _, side_node, _, _ = forest
-    flip = choose_diagonal(face, nodes, face_nodes, side_node, heights, aspect, diagonal, seed)
-    tried = np.empty((1 + MOST_CHILDREN, 3), np.int32)
+    tried, twins, halves, corner, steps = room
+    is_whole = _is_whole(face, side_node)
+    if is_whole and not np.isinf(face_error[face]):
+        return face_error[face] <= bound
     tried[0] = face_nodes[face]
+    if is_whole:
+        return face_holds(0, nodes, tried, heights, bound, corner, steps)
+    flip = choose_diagonal(face, nodes, face_nodes, side_node, heights, aspect, diagonal, seed)
     broken = side_node[3 * face : 3 * face + 3]
-    if broken[0] == NONE and broken[1] == NONE and broken[2] == NONE:
-        return face_holds(0, nodes, tried, heights, bound)
-    twins, halves = np.empty(3 * len(tried), np.int32), np.empty((3, 2), np.int32)
     for child in range(1, 1 + cut_one(0, broken, NONE, flip, 1, tried, twins, halves)):
-        if not face_holds(child, nodes, tried, heights, bound):
+        if not face_holds(child, nodes, tried, heights, bound, corner, steps):
             return False
     return True
+
+
+@njit(nogil=True, cache=True)
+def _make_room():
+    """Room to cut one face and to look at its posts."""
+    tried, twins = np.empty((1 + MOST_CHILDREN, 3), np.int32), np.empty(3 + 3 * MOST_CHILDREN, np.int32)
+    return tried, twins, np.empty((3, 2), np.int32), np.empty((3, 3)), np.empty((3, 7))
 
 
 @njit(nogil=True, cache=True)
@@ -67,8 +82,7 @@ def _cut_anew(face, forest, side_state, face_error, heights, aspect, diagonal, s
     """Cut a face by the breaks it has, in the place of its children, or make it a leaf; halves (3, 2) as in `cut_one`."""
     nodes, face_nodes, side_twin, side_node, first_child, n_child = forest
     flip = choose_diagonal(face, nodes, face_nodes, side_node, heights, aspect, diagonal, seed)
-    broken = side_node[3 * face : 3 * face + 3]
-    if broken[0] == NONE and broken[1] == NONE and broken[2] == NONE:
+    if _is_whole(face, side_node):
         n_child[face] = 0
         face_error[face] = np.inf
         for i in range(3):
@@ -121,11 +135,11 @@ def undo_breaks(faces, forest, side_state, face_error, heights, aspect, bound, d
     _, _, side_twin, side_node, _, _ = forest
     outer, other_outer = np.empty((3, 2), np.int32), np.empty((3, 2), np.int32)
     halves, other_halves = np.empty((3, 2), np.int32), np.empty((3, 2), np.int32)
+    room = _make_room()
     count = 0
     for face in faces:
-        sides = side_node[3 * face : 3 * face + 3]
-        if _has_only_leaves(face, forest) and sides[0] == NONE and sides[1] == NONE and sides[2] == NONE:
-            if _would_hold(face, forest, heights, aspect, bound, diagonal, seed):  # rule 4
+        if _has_only_leaves(face, forest) and _is_whole(face, side_node):
+            if _would_hold(face, forest, face_error, heights, aspect, bound, diagonal, seed, room):  # rule 4
                 _find_outer(face, forest, outer)
                 _cut_anew(face, forest, side_state, face_error, heights, aspect, diagonal, seed, halves)
                 _join(halves, outer, side_twin)
@@ -134,27 +148,31 @@ def undo_breaks(faces, forest, side_state, face_error, heights, aspect, bound, d
         for side in range(3 * face, 3 * face + 3):
             node, twin = side_node[side], side_twin[side]
             other = NONE if twin == NONE else twin // 3
-            if node == NONE or side_state[side] == KEPT or not _has_only_leaves(face, forest):
+            if node == NONE or 0 <= twin < side or side_state[side] == KEPT or not _has_only_leaves(face, forest):
                 continue
             if other != NONE and not _has_only_leaves(other, forest):
                 continue
-            _find_outer(face, forest, outer)
             side_node[side] = NONE
-            is_needless = _would_hold(face, forest, heights, aspect, bound, diagonal, seed)
             if other != NONE:
-                _find_outer(other, forest, other_outer)
                 side_node[twin] = NONE
-                is_needless = is_needless and _would_hold(other, forest, heights, aspect, bound, diagonal, seed)
+            is_needless = True
+            for own in (face, other) if _is_whole(face, side_node) else (other, face):  # what is known costs nothing
+                if own != NONE and is_needless:
+                    is_needless = _would_hold(own, forest, face_error, heights, aspect, bound, diagonal, seed, room)
+            side_node[side] = node
+            if other != NONE:
+                side_node[twin] = node
             if not is_needless:
-                side_node[side] = node
-                if other != NONE:
-                    side_node[twin] = node
                 continue
+            _find_outer(face, forest, outer)
             outer[side % 3] = NONE
+            side_node[side] = NONE
             _cut_anew(face, forest, side_state, face_error, heights, aspect, diagonal, seed, halves)
             _join(halves, outer, side_twin)
             if other != NONE:
+                _find_outer(other, forest, other_outer)
                 other_outer[twin % 3] = NONE
+                side_node[twin] = NONE
                 _cut_anew(other, forest, side_state, face_error, heights, aspect, diagonal, seed, other_halves)
                 _join(other_halves, other_outer, side_twin)
                 side_twin[halves[side % 3, 0]] = other_halves[twin % 3, 0]
