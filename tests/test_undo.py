@@ -1,4 +1,4 @@
-"""Forests of faces: cutting and taking back leave a mesh, and take back what is needless."""
+"""Forests of faces: cutting and undoing leave a mesh, and undo what is needless."""
 
 from __future__ import annotations
 

@@ -1,6 +1,6 @@
-"""Taking back breaks that turned out needless, the last ones first (specs/methods.md M-145).
+"""Undoing breaks that turned out needless, the last ones first (specs/methods.md M-145).
 
-A break on an edge is taken back if both faces at it have only leaves as children, and no post is off by more than the
+A break on an edge is undone if both faces at it have only leaves as children, and no post is off by more than the
 bound when the two are cut again without it; a node inside a face likewise. So rules 1 to 4 stay the only ways to cut.
 Arrays are those of `vpfx.methods.forest.Forest`, `forest` the tuple nodes, face_nodes, side_twin, side_node, first_child,
 n_child.
@@ -108,7 +108,7 @@ def _join(halves, outer, side_twin):
 
 @njit(nogil=True, cache=True)
 def undo_breaks(faces, forest, side_state, face_error, heights, aspect, bound, diagonal, seed):
-    """Take back what the bound does not need.
+    """Undo the breaks that the bound does not need.
 
     Parameters
     ----------
@@ -126,7 +126,7 @@ def undo_breaks(faces, forest, side_state, face_error, heights, aspect, bound, d
     Returns
     -------
     int
-        Breaks taken back.
+        Breaks undone.
 
     Notes
     -----

@@ -42,7 +42,7 @@ GUARD = 0.62  # an edge may break if it is at least this share of the longest ed
 MIDDLE = 0.35  # a break keeps this share of the edge from both its ends
 BAND = ScanRule(band=0.45, end_share=0.15, inner_share=0.3, inner_away=0.0)
 BOUND_SLACK = 1e-6  # the builder works to the bound less this share, so that rounding never shows a post over it
-SWEEPS = 2  # through the cuts of a level, to take back needless breaks
+SWEEPS = 2  # through the cuts of a level, to undo needless breaks
 MOST_LEVELS = 32
 MOST_PASSES = 1000  # a level takes 10 to 40; more is a bug
 
@@ -127,7 +127,7 @@ class _Mesh:
         return forest.cut(to_cut, inner_node, is_flipped)
 
     def undo(self, bound: float) -> None:
-        """Take back what turned out needless of the cuts made since the last call."""
+        """Undo what turned out needless of the cuts made since the last call."""
         forest, patch = self.forest, self.patch
         last_first = np.concatenate(self.faces_cut)[::-1]
         self.faces_cut.clear()
