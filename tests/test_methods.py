@@ -352,6 +352,11 @@ def test_nothing_valid_cannot_be_filled():
     np.testing.assert_allclose(h.nodes[:, 2], 3.0)
 
 
+def test_a_bound_below_the_rounding_of_heights_is_refused():
+    with pytest.raises(InputError, match="too small for this DEM"):
+        build_hierarchy(Grid(1e4 * noise(3, 3, 17)), max_error=(4.6e-12,), grid=(1, 1))
+
+
 @pytest.mark.parametrize("bound", [1e-3, 1e-9, 1e-300])
 def test_a_bound_near_the_rounding_holds_or_is_refused(bound):
     grid = Grid(noise(4, 4))

@@ -9,6 +9,7 @@ import resource
 import signal
 import subprocess
 import sys
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -283,6 +284,16 @@ def test_errors_leave_nothing(target, monkeypatch, method, error):
 
 def test_errors_of_the_progress_leave_nothing(target):
     failing_build(*target, error=ZeroDivisionError, overwrite=True, progress=lambda *_: 1 / 0)
+
+
+class Interrupted(ThreadPoolExecutor):
+    def shutdown(self, *_, **__):
+        raise KeyboardInterrupt
+
+
+def test_a_second_interrupt_leaves_nothing(target, monkeypatch):
+    monkeypatch.setattr("vpfx.store.writer.ThreadPoolExecutor", Interrupted)
+    failing_build(*target, error=KeyboardInterrupt, overwrite=True, progress=lambda *_: 1 / 0)
 
 
 SCRIPT = """

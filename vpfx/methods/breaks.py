@@ -291,11 +291,11 @@ def list_cuts(faces, broken, first_node, mesh, bound, face_error, side_node, fou
             if side == NONE:
                 continue
             face = side // 3
-            is_new = True
+            is_first = True
             for own in range(3 * face, 3 * face + 3):
-                is_new = is_new and side_node[own] == NONE
+                is_first = is_first and side_node[own] == NONE
             side_node[side] = first_node + i
-            if is_new:
+            if is_first:
                 to_cut[count], to_cut_post[count] = face, NONE
                 count += 1
     for k in range(len(faces)):

@@ -139,6 +139,8 @@ def cut_faces(faces, inner_node, is_flipped, face_nodes, side_twin, side_node, f
                 across = halves[slot[other // 3], other % 3]
                 side_twin[halves[k, i, 0]] = across[1]
                 side_twin[halves[k, i, 1]] = across[0]
+    for face in faces:
+        slot[face] = NONE
     return n
 
 

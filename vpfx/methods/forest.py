@@ -1,7 +1,8 @@
 """Faces that are cut again and again: one tree for each start face, whose leaves are the mesh.
 
 Flat arrays that only grow: children stand behind all faces made before, those of one face side by side, and a face that is
-cut stays. So a pass costs what it cuts, not what there is. Side ``s = 3 * face + i`` runs from node i of a face to the next.
+cut stays. So a pass costs what it cuts, not what there is. `vpfx.methods.undo` puts fewer children in the same places.
+Side ``s = 3 * face + i`` runs from node i of a face to the next.
 """
 
 from __future__ import annotations
@@ -36,13 +37,13 @@ class Forest:
     nodes : float64 (≥ n_node, 3)
     face_nodes : int32 (≥ n_face, 3)
     side_twin : int32 (≥ 3 * n_face,)
-        The side of the neighbouring leaf that runs the other way; -1 where there is none. Of leaves only.
+        The side of the neighbouring leaf that runs the other way, -1 where there is none; of a face that is cut: as it was.
     side_node : int32 (≥ 3 * n_face,)
         The node that breaks the side, -1 for none.
     side_state : int8 (≥ 3 * n_face,)
-        For the method.
+        What the method knows of the side, see `vpfx.methods.breaks`.
     face_error : float64 (≥ n_face,)
-        Greatest error found at the posts of the face; infinite before its first scan.
+        Greatest error found at the posts of the face; infinite if it was not scanned since it was made.
     slot : int32 (≥ n_face,)
         Place of the face in a list of the pass, -1 for none.
     is_filled : bool (≥ n_face,)

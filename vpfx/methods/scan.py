@@ -169,7 +169,7 @@ def _rows(corner, n_row):
 
 @njit(nogil=True, cache=True)
 def face_holds(face, nodes, face_nodes, heights, bound, corner, steps):
-    """Tell whether no post of a face is off by more than the bound; the arithmetic is that of `scan_faces`.
+    """Tell whether a face is one and no post of it is off by more than the bound; the arithmetic is that of `scan_faces`.
 
     `corner` (3, 3) and `steps` (3, 7) are room to work in.
     """
@@ -177,7 +177,9 @@ def face_holds(face, nodes, face_nodes, heights, bound, corner, steps):
     for i in range(3):
         for j in range(3):
             corner[i, j] = nodes[face_nodes[face, i], j]
-    _, east, north = _plane(corner)
+    area, east, north = _plane(corner)
+    if area <= 0.0:
+        return False
     _place_sides(corner, steps)
     south, top = _rows(corner, n_row)
     for row in range(south, top + 1):

@@ -1,9 +1,15 @@
-"""Undoing breaks that turned out needless, the last ones first (specs/methods.md M-145).
+r"""Undoing breaks that turned out needless, the last ones first (specs/methods.md M-145).
 
 A break on an edge is undone if both faces at it have only leaves as children, and no post is off by more than the
 bound when the two are cut again without it; a node inside a face likewise. So rules 1 to 4 stay the only ways to cut.
 Arrays are those of `vpfx.methods.forest.Forest`, `forest` the tuple nodes, face_nodes, side_twin, side_node, first_child,
-n_child.
+n_child. Breaking side 0 of F by m made two faces of each; without m::
+
+          / \               / \         outer: the twins, outside, of the sides at the rim; they stay
+         / | \   F         /   \   F
+        ----m----    →    -------       halves: the sides of the new children on the rim
+         \ | /   G         \   /   G
+          \ /               \ /         both faces get new sides where m was: those become twins
 """
 
 from __future__ import annotations
@@ -56,12 +62,11 @@ def _would_hold(face, forest, face_error, heights, aspect, bound, diagonal, seed
     """Tell whether a face cut anew by the breaks it has keeps the bound; `room` is what `_make_room` returns."""
     nodes, face_nodes, _, side_node, _, _ = forest
     tried, twins, halves, corner, steps = room
-    is_whole = _is_whole(face, side_node)
-    if is_whole and not np.isinf(face_error[face]):
-        return face_error[face] <= bound
+    if _is_whole(face, side_node):
+        if not np.isinf(face_error[face]):
+            return face_error[face] <= bound
+        return face_holds(face, nodes, face_nodes, heights, bound, corner, steps)
     tried[0] = face_nodes[face]
-    if is_whole:
-        return face_holds(0, nodes, tried, heights, bound, corner, steps)
     flip = choose_diagonal(face, nodes, face_nodes, side_node, heights, aspect, diagonal, seed)
     broken = side_node[3 * face : 3 * face + 3]
     for child in range(1, 1 + cut_one(0, broken, NONE, flip, 1, tried, twins, halves)):
@@ -81,7 +86,6 @@ def _make_room():
 def _cut_anew(face, forest, side_state, face_error, heights, aspect, diagonal, seed, halves):
     """Cut a face by the breaks it has, in the place of its children, or make it a leaf; halves (3, 2) as in `cut_one`."""
     nodes, face_nodes, side_twin, side_node, first_child, n_child = forest
-    flip = choose_diagonal(face, nodes, face_nodes, side_node, heights, aspect, diagonal, seed)
     if _is_whole(face, side_node):
         n_child[face] = 0
         face_error[face] = np.inf
@@ -89,6 +93,7 @@ def _cut_anew(face, forest, side_state, face_error, heights, aspect, diagonal, s
             side_twin[3 * face + i] = NONE
             halves[i, 0] = halves[i, 1] = 3 * face + i
         return
+    flip = choose_diagonal(face, nodes, face_nodes, side_node, heights, aspect, diagonal, seed)
     first = first_child[face]
     side_twin[3 * first : 3 * (first + n_child[face])] = NONE
     side_state[3 * first : 3 * (first + n_child[face])] = OPEN

@@ -76,7 +76,7 @@ class _Mesh:
         self.leaves = np.arange(self.forest.n_face, dtype=np.int32)
         self.residual = np.full(patch.heights.shape, np.nan)
         self.diagonal = DIAGONALS[options["diagonal"]]
-        self.faces_cut: list[Faces] = []  # of each pass since they were last taken from here
+        self.least_bound = 16.0 * float(np.spacing(np.fmax.reduce(np.abs(patch.heights), axis=None, initial=0.0)))
         most = max(len(border.rank) for border in patch.borders)
         self.ranks = np.stack([np.pad(b.rank, (0, most - len(b.rank))) for b in patch.borders])
 
@@ -106,8 +106,8 @@ class _Mesh:
         )
         return broken[:n], places[:n]
 
-    def cut(self, faces: Faces, broken: Faces, places: Places, bound: float, found: Candidates) -> Faces:
-        """Break sides, and scanned faces without a broken side inside; return the children, none if nothing was cut."""
+    def cut(self, faces: Faces, broken: Faces, places: Places, bound: float, found: Candidates) -> tuple[Faces, Faces]:
+        """Break sides, and scanned faces without a broken side inside; return the faces cut and their children."""
         forest, patch = self.forest, self.patch
         seed = patch.seed + forest.n_node
         most = 2 * len(broken) + len(faces)
@@ -116,7 +116,6 @@ class _Mesh:
             faces, broken, forest.n_node, forest.mesh, bound, forest.face_error, forest.side_node, tuple(found), to_cut, post
         )  # fmt: skip
         to_cut, post = to_cut[:n_cut], post[:n_cut]
-        self.faces_cut.append(to_cut)
         row, col = np.divmod(post[post >= 0], patch.heights.shape[1])
         forest.add_nodes(places)
         inner_node = np.where(post >= 0, forest.n_node - (n_cut - len(row)) + np.arange(n_cut), -1).astype(np.int32)
@@ -124,31 +123,38 @@ class _Mesh:
         is_flipped = choose_diagonals(
             to_cut, forest.nodes, forest.face_nodes, forest.side_node, patch.heights, patch.aspect, self.diagonal, seed
         )
-        return forest.cut(to_cut, inner_node, is_flipped)
+        return to_cut, forest.cut(to_cut, inner_node, is_flipped)
 
-    def undo(self, bound: float) -> None:
-        """Undo what turned out needless of the cuts made since the last call."""
+    def undo(self, faces: Faces, bound: float) -> None:
+        """Undo what turned out needless of the cuts of some faces, in this order."""
         forest, patch = self.forest, self.patch
-        last_first = np.concatenate(self.faces_cut)[::-1]
-        self.faces_cut.clear()
         for _ in range(SWEEPS):
             undo_breaks(
-                last_first, forest.tree, forest.side_state, forest.face_error, patch.heights, patch.aspect, bound,
+                faces, forest.tree, forest.side_state, forest.face_error, patch.heights, patch.aspect, bound,
                 self.diagonal, patch.seed,
             )  # fmt: skip
 
 
 def _reach_bound(mesh: _Mesh, level: int, bound: float) -> None:
-    """Cut until no post is off by more than the bound and the fixed borders have all nodes of the level."""
+    """Cut until no post is off by more than the bound and the fixed borders have all nodes of the level; then undo."""
+    advice = "its faces get smaller than coordinates can tell apart; give a larger bound"
+    too_small = InputError(f"max_error: found {bound:g} m, too small for this DEM: {advice}")
+    if bound < mesh.least_bound:
+        raise too_small
+    try:
+        faces_cut = _cut_to_bound(mesh, level, bound * (1.0 - BOUND_SLACK))
+        mesh.undo(faces_cut[::-1], bound * (1.0 - BOUND_SLACK))
+    except ZeroDivisionError:  # of a kernel, by the area or the length of nothing
+        raise too_small from None
+
+
+def _cut_to_bound(mesh: _Mesh, level: int, bound: float) -> Faces:
+    """Cut as `_reach_bound` says and return the faces cut, the first ones first."""
     forest, patch = mesh.forest, mesh.patch
-    bound *= 1.0 - BOUND_SLACK
+    faces_cut: list[Faces] = []
     over, new = mesh.leaves[forest.face_error[mesh.leaves] > bound], mesh.leaves
     for _ in range(MOST_PASSES):
-        try:
-            found = mesh.scan(over, bound, BAND)
-        except ZeroDivisionError:
-            advice = "its faces get smaller than coordinates can tell apart; give a larger bound"
-            raise InputError(f"max_error: found {bound:g} m, too small for this DEM: {advice}") from None
+        found = mesh.scan(over, bound, BAND)
         forced, forced_places = mesh.break_borders(new, level)
         chosen = breaks.choose_breaks(
             over, forest.mesh, patch.heights.shape[1], bound, patch.aspect, GUARD, forest.face_error, forest.side_state,
@@ -156,12 +162,14 @@ def _reach_bound(mesh: _Mesh, level: int, bound: float) -> None:
         )  # fmt: skip
         places = np.empty((len(chosen), 3))
         breaks.place_nodes(chosen, forest.mesh, patch.heights, bound, MIDDLE, tuple(found), places)
-        new = mesh.cut(over, np.concatenate([forced, chosen]), np.concatenate([forced_places, places]), bound, found)
+        to_cut, new = mesh.cut(
+            over, np.concatenate([forced, chosen]), np.concatenate([forced_places, places]), bound, found
+        )
         if len(new) == 0:
             if (forest.face_error[over] > bound).any():
                 raise InvariantError(f"wynne: level {level}: found a face off by more than {bound} m that nothing cuts")
-            mesh.undo(bound)
-            return
+            return np.concatenate([np.empty(0, np.int32), *faces_cut])
+        faces_cut.append(to_cut)
         is_left = (forest.face_error[over] > bound) & forest.is_leaf(over)
         over = np.concatenate([over[is_left], new])
     raise InvariantError(f"wynne: level {level}: found no end after {MOST_PASSES} passes")

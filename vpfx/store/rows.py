@@ -98,7 +98,7 @@ class TileRows(NamedTuple):
     next_ids: FirstIds
 
     def tables(self, level: int) -> dict[str, Table]:
-        """Return what of a level does not hang on other tiles, by the names of the tables."""
+        """Make what of a level does not hang on other tiles, by the names of the tables."""
         edges, faces, links, _ = self.levels[level]
         return {"node": self.nodes[level].table(), "edge": edges, "face": faces, "parent_child": links}
 

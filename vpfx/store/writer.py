@@ -32,6 +32,7 @@ from vpfx.store.tiles import Tile, Tiling
 
 __all__ = ["StoreWriter", "check_target"]
 
+Tables = dict[str, Table]
 PAGE_SIZE = 4096  # bytes; SQLite's own default: what a region query reads grows in small steps
 
 
@@ -92,7 +93,7 @@ class StoreWriter:
         self._border_digests = [Digest() for _ in range(tiling.n_level)]
         self._tile_levels: list[tuple[Any, ...]] = []
         self._behind = ThreadPoolExecutor(1)  # makes the rows of the next tile while those of this one are written
-        self._waiting: deque[Future[tuple[Tile, TileRows, list[bytes]]]] = deque()
+        self._waiting: deque[Future[tuple[Tile, TileRows, list[Tables], list[bytes]]]] = deque()
         n = tiling.n_level
         self._counts = np.zeros((n, 3), np.int64)  # nodes first seen at the level, edges, faces
         self._errors = np.zeros((n, 3))  # greatest error, sum of squares, posts
@@ -119,7 +120,7 @@ class StoreWriter:
             connection.close()
 
     def add(self, tile: Tile, hierarchy: Hierarchy, post_metres: tuple[float, float]) -> None:
-        """Write the rows of the next tile; tiles come in the order of their numbers.
+        """Take the next tile, and write the rows of the one before; tiles come in the order of their numbers.
 
         Parameters
         ----------
@@ -138,24 +139,25 @@ class StoreWriter:
 
     def _make_rows(
         self, tile: Tile, hierarchy: Hierarchy, post_metres: tuple[float, float]
-    ) -> tuple[Tile, TileRows, list[bytes]]:
-        """Rows of the next tile, and digests of its levels; in a thread of its own, tile by tile."""
+    ) -> tuple[Tile, TileRows, list[Tables], list[bytes]]:
+        """Rows of the next tile, and tables and digests of its levels; in a thread of its own, tile by tile."""
         rows = tile_rows(hierarchy, tile, self._tiling, self._place, post_metres, self._next)
         self._next = rows.next_ids
-        return tile, rows, [_digest(rows.tables(level).values()) for level in range(len(rows.levels))]
+        tables = [rows.tables(level) for level in range(len(rows.levels))]
+        return tile, rows, tables, [_digest(level.values()) for level in tables]
 
     def _write_first(self) -> None:
         """Write the rows of the first tile that waits."""
-        tile, rows, digests = self._waiting.popleft().result()
+        tile, rows, tables, digests = self._waiting.popleft().result()
         try:
             for level, digest in enumerate(digests):
-                self._write_level(tile, level, rows.tables(level), digest)
+                self._write_level(tile, level, tables[level], digest)
                 self._open[level].append(rows.levels[level].open_sides)
         except (OSError, sqlite3.Error) as error:
             raise StoreError(f"{self.path}: cannot be written: {reason_of(error)}") from error
         self._shared.append(rows.shared_nodes)
 
-    def _write_level(self, tile: Tile, level: int, tables: Mapping[str, Table], digest: bytes) -> None:
+    def _write_level(self, tile: Tile, level: int, tables: Tables, digest: bytes) -> None:
         """Write the rows of one tile and level that do not hang on other tiles."""
         limits: list[int | None] = []
         for name, table in tables.items():
@@ -290,11 +292,13 @@ class StoreWriter:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        self._behind.shutdown(cancel_futures=True)
         try:
-            self._pages.__exit__(kind, error, trace)
+            self._behind.shutdown(cancel_futures=True)  # waits for the rows under way
         finally:
-            self._discard()
+            try:
+                self._pages.__exit__(kind, error, trace)
+            finally:
+                self._discard()
 
 
 def _digest(tables: Iterable[Table]) -> bytes:
