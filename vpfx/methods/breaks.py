@@ -9,6 +9,7 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
+from vpfx.methods.cut import is_whole
 from vpfx.methods.scan import surface_height
 from vpfx.topology import NONE
 
@@ -44,7 +45,7 @@ def _first_rank(rank, limit, a, b):
 
 
 @njit(nogil=True, cache=True)
-def force_border_breaks(faces, mesh, ranks, limits, heights, side_state, broken, places):
+def force_border_breaks(faces, mesh, ranks, limits, heights, side_state):
     """Break the sides of some faces on fixed borders where the border says so, and lock the others.
 
     Parameters
@@ -56,18 +57,15 @@ def force_border_breaks(faces, mesh, ranks, limits, heights, side_state, broken,
         Posts with lower ranks are nodes at this level; -1 for a border that is not fixed.
     side_state : int8 (≥ 3 * n_face,)
         Changed in place: KEPT on the sides of fixed borders.
-    broken : int32 (≥ 3 * n,)
-        Takes the sides that are broken.
-    places : float64 (≥ 3 * n, 3)
-        Takes their nodes.
 
     Returns
     -------
-    int
-        Number of sides that are broken.
+    int32 (n_broken,), float64 (n_broken, 3)
+        The sides that are broken, and their nodes.
     """
     nodes, face_nodes, side_twin = mesh
     n_row, n_col = heights.shape
+    broken, places = np.empty(3 * len(faces), np.int32), np.empty((3 * len(faces), 3))
     count = 0
     for face in faces:
         for i in range(3):
@@ -88,7 +86,7 @@ def force_border_breaks(faces, mesh, ranks, limits, heights, side_state, broken,
                     places[count, 0], places[count, 1], places[count, 2] = u, v, heights[v, u]
                     broken[count] = side
                     count += 1
-    return count
+    return broken[:count], places[:count]
 
 
 @njit(nogil=True, cache=True)
@@ -233,7 +231,7 @@ def choose_breaks(faces, mesh, n_col, bound, aspect, guard, face_error, side_sta
 
 
 @njit(nogil=True, cache=True)
-def place_nodes(broken, mesh, heights, bound, middle, found, places):
+def place_nodes(broken, mesh, heights, bound, middle, found):
     """Place the nodes of chosen breaks.
 
     Parameters
@@ -242,11 +240,15 @@ def place_nodes(broken, mesh, heights, bound, middle, found, places):
         Sides.
     middle : float
         A break keeps this share of the side from both its ends.
-    places : float64 (≥ n, 3)
-        Takes the nodes.
+
+    Returns
+    -------
+    float64 (n, 3)
+        The nodes.
     """
     nodes, face_nodes, side_twin = mesh
     _, _, side_along, side_post, _, _ = found
+    places = np.empty((len(broken), 3))
     for n in range(len(broken)):
         side = np.int64(broken[n])
         twin = np.int64(side_twin[side])
@@ -261,6 +263,7 @@ def place_nodes(broken, mesh, heights, bound, middle, found, places):
         u = nodes[start, 0] + along * (nodes[end, 0] - nodes[start, 0])
         v = nodes[start, 1] + along * (nodes[end, 1] - nodes[start, 1])
         places[n, 0], places[n, 1], places[n, 2] = u, v, surface_height(heights, u, v)
+    return places
 
 
 @njit(nogil=True, cache=True)
@@ -291,9 +294,7 @@ def list_cuts(faces, broken, first_node, mesh, bound, face_error, side_node, fou
             if side == NONE:
                 continue
             face = side // 3
-            is_first = True
-            for own in range(3 * face, 3 * face + 3):
-                is_first = is_first and side_node[own] == NONE
+            is_first = is_whole(face, side_node)
             side_node[side] = first_node + i
             if is_first:
                 to_cut[count], to_cut_post[count] = face, NONE
@@ -301,10 +302,7 @@ def list_cuts(faces, broken, first_node, mesh, bound, face_error, side_node, fou
     for k in range(len(faces)):
         face = faces[k]
         slot[face] = NONE
-        is_whole = True
-        for own in range(3 * face, 3 * face + 3):
-            is_whole = is_whole and side_node[own] == NONE
-        if is_whole and inner_post[k] != NONE and face_error[face] > bound:
+        if is_whole(face, side_node) and inner_post[k] != NONE and face_error[face] > bound:
             to_cut[count], to_cut_post[count] = face, inner_post[k]
             count += 1
     return count
@@ -333,7 +331,7 @@ def _most_significant(heights, start, end, tolerance, away):
 
 
 @njit(nogil=True, cache=True)
-def find_significant(faces, mesh, heights, aspect, tolerance, away, share, side_state, broken, places):
+def find_significant(faces, mesh, heights, aspect, tolerance, away, share, side_state):
     """Look at every edge of some faces once for its most significant point, as the paper does.
 
     Parameters
@@ -345,17 +343,14 @@ def find_significant(faces, mesh, heights, aspect, tolerance, away, share, side_
         Points nearer than this to an end of the edge are not looked at, in heights of a post spacing.
     share : float
         The same as a share of the edge's length.
-    broken : int32 (≥ 3 * n,)
-        Takes the sides that are broken.
-    places : float64 (≥ 3 * n, 3)
-        Takes their nodes.
 
     Returns
     -------
-    int
-        Number of sides that are broken.
+    int32 (n_broken,), float64 (n_broken, 3)
+        The sides that are broken, and their nodes.
     """
     nodes, face_nodes, side_twin = mesh
+    broken, places = np.empty(3 * len(faces), np.int32), np.empty((3 * len(faces), 3))
     count = 0
     for face in faces:
         for i in range(3):
@@ -375,4 +370,4 @@ def find_significant(faces, mesh, heights, aspect, tolerance, away, share, side_
             places[count, 0], places[count, 1], places[count, 2] = u, v, surface_height(heights, u, v)
             broken[count] = side
             count += 1
-    return count
+    return broken[:count], places[:count]

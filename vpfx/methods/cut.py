@@ -18,9 +18,15 @@ from numba import njit
 from vpfx.methods.scan import surface_height
 from vpfx.topology import NONE
 
-__all__ = ["MOST_CHILDREN", "choose_diagonal", "choose_diagonals", "cut_faces", "cut_one"]
+__all__ = ["MOST_CHILDREN", "choose_diagonal", "choose_diagonals", "cut_faces", "cut_one", "is_whole"]
 
 MOST_CHILDREN = 4
+
+
+@njit(nogil=True, cache=True)
+def is_whole(face, side_node):
+    """Tell whether no side of a face is broken."""
+    return side_node[3 * face] == NONE and side_node[3 * face + 1] == NONE and side_node[3 * face + 2] == NONE
 
 
 @njit(nogil=True, cache=True)

@@ -18,7 +18,7 @@ import numpy as np
 from numba import njit
 
 from vpfx.methods.breaks import KEPT, OPEN
-from vpfx.methods.cut import MOST_CHILDREN, choose_diagonal, cut_one
+from vpfx.methods.cut import MOST_CHILDREN, choose_diagonal, cut_one, is_whole
 from vpfx.methods.scan import face_holds
 from vpfx.topology import NONE
 
@@ -33,12 +33,6 @@ def _has_only_leaves(face, forest):
         if n_child[child] != 0:
             return False
     return n_child[face] != 0
-
-
-@njit(nogil=True, cache=True)
-def _is_whole(face, side_node):
-    """Tell whether no side of a face is broken."""
-    return side_node[3 * face] == NONE and side_node[3 * face + 1] == NONE and side_node[3 * face + 2] == NONE
 
 
 @njit(nogil=True, cache=True)
@@ -62,7 +56,7 @@ def _would_hold(face, forest, face_error, heights, aspect, bound, diagonal, seed
     """Tell whether a face cut anew by the breaks it has keeps the bound; `room` is what `_make_room` returns."""
     nodes, face_nodes, _, side_node, _, _ = forest
     tried, twins, halves, corner, steps = room
-    if _is_whole(face, side_node):
+    if is_whole(face, side_node):
         if not np.isinf(face_error[face]):
             return face_error[face] <= bound
         return face_holds(face, nodes, face_nodes, heights, bound, corner, steps)
@@ -86,7 +80,7 @@ def _make_room():
 def _cut_anew(face, forest, side_state, face_error, heights, aspect, diagonal, seed, halves):
     """Cut a face by the breaks it has, in the place of its children, or make it a leaf; halves (3, 2) as in `cut_one`."""
     nodes, face_nodes, side_twin, side_node, first_child, n_child = forest
-    if _is_whole(face, side_node):
+    if is_whole(face, side_node):
         n_child[face] = 0
         face_error[face] = np.inf
         for i in range(3):
@@ -143,7 +137,7 @@ def undo_breaks(faces, forest, side_state, face_error, heights, aspect, bound, d
     room = _make_room()
     count = 0
     for face in faces:
-        if _has_only_leaves(face, forest) and _is_whole(face, side_node):
+        if _has_only_leaves(face, forest) and is_whole(face, side_node):
             if _would_hold(face, forest, face_error, heights, aspect, bound, diagonal, seed, room):  # rule 4
                 _find_outer(face, forest, outer)
                 _cut_anew(face, forest, side_state, face_error, heights, aspect, diagonal, seed, halves)
@@ -161,7 +155,7 @@ def undo_breaks(faces, forest, side_state, face_error, heights, aspect, bound, d
             if other != NONE:
                 side_node[twin] = NONE
             is_needless = True
-            for own in (face, other) if _is_whole(face, side_node) else (other, face):  # what is known costs nothing
+            for own in (face, other) if is_whole(face, side_node) else (other, face):  # what is known costs nothing
                 if own != NONE and is_needless:
                     is_needless = _would_hold(own, forest, face_error, heights, aspect, bound, diagonal, seed, room)
             side_node[side] = node

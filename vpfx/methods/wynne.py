@@ -100,11 +100,10 @@ class _Mesh:
     def break_borders(self, faces: Faces, level: int) -> tuple[Faces, Places]:
         """Return the sides of faces that fixed borders break at a level, and their nodes."""
         limits = np.array([b.limit[level] if b.is_fixed else -1 for b in self.patch.borders], np.int64)
-        broken, places = np.empty(3 * len(faces), np.int32), np.empty((3 * len(faces), 3))
-        n = breaks.force_border_breaks(
-            faces, self.forest.mesh, self.ranks, limits, self.patch.heights, self.forest.side_state, broken, places
+        broken: tuple[Faces, Places] = breaks.force_border_breaks(
+            faces, self.forest.mesh, self.ranks, limits, self.patch.heights, self.forest.side_state
         )
-        return broken[:n], places[:n]
+        return broken
 
     def cut(self, faces: Faces, broken: Faces, places: Places, bound: float, found: Candidates) -> tuple[Faces, Faces]:
         """Break sides, and scanned faces without a broken side inside; return the faces cut and their children."""
@@ -141,9 +140,9 @@ def _reach_bound(mesh: _Mesh, level: int, bound: float) -> None:
     too_small = InputError(f"max_error: found {bound:g} m, too small for this DEM: {advice}")
     if bound < mesh.least_bound:
         raise too_small
+    bound *= 1.0 - BOUND_SLACK
     try:
-        faces_cut = _cut_to_bound(mesh, level, bound * (1.0 - BOUND_SLACK))
-        mesh.undo(faces_cut[::-1], bound * (1.0 - BOUND_SLACK))
+        mesh.undo(_cut_to_bound(mesh, level, bound)[::-1], bound)
     except ZeroDivisionError:  # of a kernel, by the area or the length of nothing
         raise too_small from None
 
@@ -160,8 +159,7 @@ def _cut_to_bound(mesh: _Mesh, level: int, bound: float) -> Faces:
             over, forest.mesh, patch.heights.shape[1], bound, patch.aspect, GUARD, forest.face_error, forest.side_state,
             tuple(found),
         )  # fmt: skip
-        places = np.empty((len(chosen), 3))
-        breaks.place_nodes(chosen, forest.mesh, patch.heights, bound, MIDDLE, tuple(found), places)
+        places = breaks.place_nodes(chosen, forest.mesh, patch.heights, bound, MIDDLE, tuple(found))
         to_cut, new = mesh.cut(
             over, np.concatenate([forced, chosen]), np.concatenate([forced_places, places]), bound, found
         )
@@ -182,11 +180,10 @@ def _one_pass(mesh: _Mesh, level: int, options: Mapping[str, Any]) -> None:
     away = options["xy_tolerance"] / patch.post_metres[1]
     found = mesh.scan(faces, tolerance, ScanRule(band=-1.0, end_share=0.0, inner_share=share, inner_away=away))
     forced, forced_places = mesh.break_borders(faces, level)
-    chosen, places = np.empty(3 * len(faces), np.int32), np.empty((3 * len(faces), 3))
-    n = breaks.find_significant(
-        faces, forest.mesh, patch.heights, patch.aspect, tolerance, away, share, forest.side_state, chosen, places
+    chosen, places = breaks.find_significant(
+        faces, forest.mesh, patch.heights, patch.aspect, tolerance, away, share, forest.side_state
     )
-    mesh.cut(faces, np.concatenate([forced, chosen[:n]]), np.concatenate([forced_places, places[:n]]), tolerance, found)
+    mesh.cut(faces, np.concatenate([forced, chosen]), np.concatenate([forced_places, places]), tolerance, found)
 
 
 def checked(options: Mapping[str, Any]) -> dict[str, Any]:
