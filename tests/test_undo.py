@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 from surfaces import noise
 
 from vpfx.methods.forest import Forest
+from vpfx.methods.trial import Terms
 from vpfx.methods.undo import undo_breaks
 from vpfx.topology import find_twins
 
@@ -67,7 +68,8 @@ def judge(forest):
 
 def undo(forest, cuts, heights, bound):
     last_first = np.concatenate(cuts)[::-1]
-    return undo_breaks(last_first, forest.tree, forest.side_state, forest.face_error, heights, 1.0, bound, 0, 0)
+    terms = Terms(aspect=1.0, bound=bound, most_thin=np.inf, decay=1.0, diagonal=0, seed=0)
+    return undo_breaks(last_first, forest.tree, forest.side_state, forest.face_error, heights, tuple(terms))
 
 
 @settings(deadline=None, max_examples=60)

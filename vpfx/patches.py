@@ -122,6 +122,8 @@ class PatchReader:
     ) -> None:
         self._dem, self._tiling, self._seed = dem, tiling, seed
         self._rules = method.levels(options)
+        width, height = dem.post_metres(0, dem.n_row, 0, dem.n_col)
+        self._aspect = width / height
         self._method, self._options = method, options
         self.ground = Ground(0, 0, 0, 0.0, 0.0)
         self._lines = FilledLines(dem, tiling) if fill and tiling.n_tile > 1 else None
@@ -150,6 +152,7 @@ class PatchReader:
             is_owned=valid & corners_on_ground(squares[1:-1, 1:-1]) & ~self._is_counted_before(squares),
             keeps_voids=self._fill,
             seed=self._seed * self._tiling.n_tile + tile.number,
+            n_square=self._method.squares(self._options, len(heights), heights.shape[1], self._aspect),
         )
 
     def _count(
@@ -199,7 +202,7 @@ class PatchReader:
         for strip, at in ((inside, 0 if before else -1), (outside, -1 if before else 0)):
             nodes = outline_nodes(strip)
             forced |= nodes[at] if is_across else nodes[:, at]
-        n_square = self._method.squares(self._options, len(line), len(line))[1 if is_across else 0]
+        n_square = self._method.squares(self._options, len(line), len(line), self._aspect)[1 if is_across else 0]
         forced[grid_posts(len(line), n_square)] = True
         row = {SOUTH: tile.first_row, NORTH: tile.last_row}.get(side)
         col = {WEST: tile.first_col, EAST: tile.last_col}.get(side)

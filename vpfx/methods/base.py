@@ -59,6 +59,8 @@ class Patch:
         Whether ground without data is covered too, by faces marked as filled; then heights has no NaN.
     seed : int
         Start of the random choices of this patch.
+    n_square : tuple of int
+        Rows and columns of squares of the start grid.
     """
 
     heights: NDArray[np.float64]
@@ -68,6 +70,7 @@ class Patch:
     is_owned: NDArray[np.bool_]
     keeps_voids: bool = False
     seed: int = 0
+    n_square: tuple[int, int] = (1, 1)
 
     @property
     def aspect(self) -> float:
@@ -92,8 +95,8 @@ class Method:
     levels : callable
         Options → the rule of each level, shared with the borders: a list of `vpfx.methods.borders.LevelRule`.
     squares : callable
-        ``squares(options, n_row, n_col)`` → squares of the start grid (rows, columns) over so many posts; each number hangs
-        on the posts along its side alone.
+        ``squares(options, n_row, n_col, aspect)`` → squares of the start grid (rows, columns) over so many posts; each
+        number hangs on the posts along its side and on the width of a post spacing by its height in the middle of the DEM.
     build : callable
         ``build(patch, options) -> Hierarchy`` with nodes in posts of the patch.
     """
@@ -105,7 +108,7 @@ class Method:
     defaults: Mapping[str, Any]
     checked: Callable[[Mapping[str, Any]], dict[str, Any]]
     levels: Callable[[Mapping[str, Any]], list[Any]]
-    squares: Callable[[Mapping[str, Any], int, int], tuple[int, int]]
+    squares: Callable[[Mapping[str, Any], int, int, float], tuple[int, int]]
     build: Callable[[Patch, Mapping[str, Any]], Hierarchy]
 
 

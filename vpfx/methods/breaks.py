@@ -17,6 +17,7 @@ __all__ = [
     "choose_breaks",
     "find_significant",
     "force_border_breaks",
+    "is_guarded",
     "list_cuts",
     "place_nodes",
 ]
@@ -101,7 +102,7 @@ def _longest(face, nodes, face_nodes, aspect, side_state):
 
 
 @njit(nogil=True, cache=True)
-def _is_guarded(side, nodes, face_nodes, aspect, guard, side_state):
+def is_guarded(side, nodes, face_nodes, aspect, guard, side_state):
     """Tell whether a side is long enough for its face: at least `guard` of the longest side that may break."""
     most = _longest(side // 3, nodes, face_nodes, aspect, side_state)[1]
     return _square_length(side, nodes, face_nodes, aspect) >= guard * guard * most
@@ -122,60 +123,38 @@ def _nearest_side(face, nodes, face_nodes, col, row, aspect, side_state):
 
 
 @njit(nogil=True, cache=True)
-def _slot_of(side, found):
-    """Place of a side in the candidates; NONE if its face was not scanned, or there is no side."""
-    if side == NONE or found[0][side // 3] == NONE:
-        return NONE
-    return 3 * found[0][side // 3] + side % 3
-
-
-@njit(nogil=True, cache=True)
-def _error_of(side, found):
-    """Candidate's error on a side; 0 if there is none."""
-    at = _slot_of(side, found)
-    return 0.0 if at == NONE else found[1][at]
-
-
-@njit(nogil=True, cache=True)
-def _wish(k, face, mesh, n_col, bound, aspect, guard, side_state, error, found):
-    """Side to break for a face with an offending post that is near no side and not in the middle: nearest or longest."""
-    nodes, face_nodes, side_twin = mesh
-    _, side_error, side_along, side_post, face_post, _ = found
-    row, col = face_post[k] // n_col, face_post[k] % n_col
-    side = _nearest_side(face, nodes, face_nodes, col, row, aspect, side_state)
+def _wish(face, post, tree, n_col, aspect, guard, side_state):
+    """Side to break for a face with an offending post that is near no side: nearest or longest."""
+    nodes, face_nodes, side_twin = tree[0], tree[1], tree[2]
+    side = _nearest_side(face, nodes, face_nodes, post % n_col, post // n_col, aspect, side_state)
     if side == NONE:
         return NONE
-    twin = np.int64(side_twin[side])
-    for own in (side, twin):
-        if own != NONE and not _is_guarded(own, nodes, face_nodes, aspect, guard, side_state):
+    for own in (side, np.int64(side_twin[side])):
+        if own != NONE and not is_guarded(own, nodes, face_nodes, aspect, guard, side_state):
             return _longest(face, nodes, face_nodes, aspect, side_state)[0]
-    at = 3 * k + side % 3
-    if side_error[at] <= bound and _error_of(twin, found) <= bound:
-        a, b = face_nodes[face, side % 3], face_nodes[face, (side % 3 + 1) % 3]
-        east, north = (nodes[b, 0] - nodes[a, 0]) * aspect, nodes[b, 1] - nodes[a, 1]
-        along = (col - nodes[a, 0]) * aspect * east + (row - nodes[a, 1]) * north
-        side_along[at] = along / _square_length(side, nodes, face_nodes, aspect)
-        side_error[at], side_post[at] = error, face_post[k]
     return side
 
 
 @njit(nogil=True, cache=True)
-def choose_breaks(faces, mesh, n_col, bound, aspect, guard, face_error, side_state, found):
-    """Choose the sides to break so that no face gets needlessly thin.
+def choose_breaks(faces, tree, n_col, aspect, guard, side_state, found, settled):
+    """Choose the sides to break of faces that are not settled, so that no face gets needlessly thin.
 
-    A side with an offending post in its band is broken if it is at least `guard` of the longest side of both its faces;
+    A side with a post in its band that is off is broken if it is at least `guard` of the longest side of both its faces;
     else the longest sides of the faces it is too short for are broken in its place, under the same condition. A face with
-    an offending post that is near no side and not in the middle breaks its nearest side, or its longest.
+    no such side, and no break, breaks the side nearest to its worst post, or its longest.
 
     Parameters
     ----------
     faces : int32 (n_scan,)
         Faces as they were scanned.
+    tree : tuple
+        `Forest.tree`.
     n_col : int
         Columns of posts.
-    bound, aspect, guard : float
+    aspect, guard : float
     side_state
         Sides of fixed borders are KEPT; left as it is.
+    settled : bool (n_scan,)
 
     Returns
     -------
@@ -186,23 +165,23 @@ def choose_breaks(faces, mesh, n_col, bound, aspect, guard, face_error, side_sta
     -----
     Source: design.md §5 ("band"); specs/methods.md M-140. Each replacement is longer by 1 / guard, so the chain ends.
     """
-    nodes, face_nodes, side_twin = mesh
-    _, side_error, _, _, _, inner_post = found
+    nodes, face_nodes, side_twin, side_node, _, _ = tree
+    _, side_error, face_post, _ = found
     stack = np.empty(3 * len(side_state) + 3, np.int32)  # touched only as far as it is filled
     seen = np.empty(len(side_state), np.int32)
     top, n_seen = 0, 0
     for k in range(len(faces)):
         face = np.int64(faces[k])
-        if face_error[face] <= bound:
+        if settled[k]:
             continue
-        has_side = False
+        has_side = not is_whole(face, side_node)
         for i in range(3):
-            if side_error[3 * k + i] > bound and side_state[3 * face + i] == OPEN:
+            if side_error[3 * k + i] > 0.0 and side_state[3 * face + i] == OPEN:
                 stack[top] = 3 * face + i
                 top += 1
                 has_side = True
-        if not has_side and inner_post[k] == NONE:
-            side = _wish(k, face, mesh, n_col, bound, aspect, guard, side_state, face_error[face], found)
+        if not has_side:
+            side = _wish(face, face_post[k], tree, n_col, aspect, guard, side_state)
             if side != NONE:
                 stack[top] = side
                 top += 1
@@ -211,13 +190,13 @@ def choose_breaks(faces, mesh, n_col, bound, aspect, guard, face_error, side_sta
         side = np.int64(stack[top])
         twin = np.int64(side_twin[side])
         key = side if twin == NONE else min(side, twin)
-        if side_state[key] != OPEN:
+        if side_state[key] != OPEN or side_node[key] != NONE:
             continue
         side_state[key] = BROKEN
         seen[n_seen] = key
         n_seen += 1
         for own in (side, twin):
-            if own != NONE and not _is_guarded(own, nodes, face_nodes, aspect, guard, side_state):
+            if own != NONE and not is_guarded(own, nodes, face_nodes, aspect, guard, side_state):
                 side_state[key] = REPLACED
                 stack[top] = _longest(own // 3, nodes, face_nodes, aspect, side_state)[0]
                 top += 1
@@ -231,8 +210,8 @@ def choose_breaks(faces, mesh, n_col, bound, aspect, guard, face_error, side_sta
 
 
 @njit(nogil=True, cache=True)
-def place_nodes(broken, mesh, heights, bound, middle, found):
-    """Place the nodes of chosen breaks.
+def place_nodes(broken, mesh, heights, middle, n_place):
+    """Place the nodes of chosen breaks where the posts' surface is farthest from the side; of equals, nearest to its middle.
 
     Parameters
     ----------
@@ -240,35 +219,35 @@ def place_nodes(broken, mesh, heights, bound, middle, found):
         Sides.
     middle : float
         A break keeps this share of the side from both its ends.
+    n_place : int
+        Places looked at on each side, evenly spread; odd.
 
     Returns
     -------
     float64 (n, 3)
         The nodes.
     """
-    nodes, face_nodes, side_twin = mesh
-    _, _, side_along, side_post, _, _ = found
+    nodes, face_nodes, _ = mesh
     places = np.empty((len(broken), 3))
     for n in range(len(broken)):
-        side = np.int64(broken[n])
-        twin = np.int64(side_twin[side])
-        at, across = _slot_of(side, found), _slot_of(twin, found)
-        error, other = _error_of(side, found), _error_of(twin, found)
-        if other > bound and (other > error or (other == error and side_post[across] < side_post[at])):
-            side, at, error = twin, across, other
-        start, end = face_nodes[side // 3, side % 3], face_nodes[side // 3, (side % 3 + 1) % 3]
-        along = 0.5
-        if error > bound:
-            along = min(max(side_along[at], middle), 1.0 - middle)
-        u = nodes[start, 0] + along * (nodes[end, 0] - nodes[start, 0])
-        v = nodes[start, 1] + along * (nodes[end, 1] - nodes[start, 1])
-        places[n, 0], places[n, 1], places[n, 2] = u, v, surface_height(heights, u, v)
+        side = broken[n]
+        start, end = nodes[face_nodes[side // 3, side % 3]], nodes[face_nodes[side // 3, (side % 3 + 1) % 3]]
+        most = -1.0
+        for place in range(n_place):
+            step = (place + 1) // 2 * (1 if place % 2 == 0 else -1)  # from the middle outwards
+            share = 0.5 + step * (1.0 - 2.0 * middle) / (n_place - 1)
+            u, v = start[0] + share * (end[0] - start[0]), start[1] + share * (end[1] - start[1])
+            height = surface_height(heights, u, v)
+            significance = abs(height - (start[2] + share * (end[2] - start[2])))
+            if significance > most:
+                most = significance
+                places[n, 0], places[n, 1], places[n, 2] = u, v, height
     return places
 
 
 @njit(nogil=True, cache=True)
-def list_cuts(faces, broken, first_node, mesh, bound, face_error, side_node, found, to_cut, to_cut_post):
-    """List the faces to cut: those at broken sides, then those of rule 4, which are off inside and have no broken side.
+def list_cuts(faces, broken, first_node, mesh, side_node, found, to_cut, to_cut_post):
+    """List the faces to cut: those at broken sides, then those of rule 4, which have an inner post and no broken side.
 
     Parameters
     ----------
@@ -287,22 +266,23 @@ def list_cuts(faces, broken, first_node, mesh, bound, face_error, side_node, fou
         Number of faces to cut.
     """
     side_twin = mesh[2]
-    slot, inner_post = found[0], found[5]
+    slot, inner_post = found[0], found[3]
     count = 0
+    for face in faces:
+        slot[face] = NONE
     for i in range(len(broken)):
         for side in (broken[i], side_twin[broken[i]]):
             if side == NONE:
                 continue
             face = side // 3
-            is_first = is_whole(face, side_node)
             side_node[side] = first_node + i
-            if is_first:
+            if slot[face] == NONE:
+                slot[face] = count
                 to_cut[count], to_cut_post[count] = face, NONE
                 count += 1
     for k in range(len(faces)):
         face = faces[k]
-        slot[face] = NONE
-        if is_whole(face, side_node) and inner_post[k] != NONE and face_error[face] > bound:
+        if is_whole(face, side_node) and inner_post[k] != NONE:
             to_cut[count], to_cut_post[count] = face, inner_post[k]
             count += 1
     return count

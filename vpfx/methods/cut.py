@@ -1,4 +1,4 @@
-r"""Cutting faces by the paper's rules 1 to 4: the one kernel that cuts, and the choice of diagonals.
+r"""Cutting faces by the paper's rules 1 to 4: the one kernel that cuts, and the rules for diagonals.
 
 Side ``s = 3 * face + i`` runs from node i of a face to the next:
 
@@ -18,7 +18,7 @@ from numba import njit
 from vpfx.methods.scan import surface_height
 from vpfx.topology import NONE
 
-__all__ = ["MOST_CHILDREN", "choose_diagonal", "choose_diagonals", "cut_faces", "cut_one", "is_whole"]
+__all__ = ["MOST_CHILDREN", "choose_diagonal", "cut_faces", "cut_one", "is_whole"]
 
 MOST_CHILDREN = 4
 
@@ -173,7 +173,18 @@ def _chord_error(heights, start, end):
 
 @njit(nogil=True, cache=True)
 def choose_diagonal(face, nodes, face_nodes, side_node, heights, aspect, rule, seed):
-    """Choose the diagonal of rule 2; False for a face that has not two broken sides. See `choose_diagonals`."""
+    """Choose the diagonal of rule 2: True for the one from the break of the first broken side, see `cut_faces`.
+
+    Parameters
+    ----------
+    rule : int
+        0: the shorter; 1: at random from `seed`; 2: the one nearer to the posts' surface.
+
+    Returns
+    -------
+    bool
+        False for a face that has not two broken sides.
+    """
     m = side_node[3 * face : 3 * face + 3]
     if (m[0] != NONE) + (m[1] != NONE) + (m[2] != NONE) != 2:
         return False
@@ -189,23 +200,3 @@ def choose_diagonal(face, nodes, face_nodes, side_node, heights, aspect, rule, s
     plain = ((a[0] - b[0]) * aspect) ** 2 + (a[1] - b[1]) ** 2
     other = ((d[0] - c[0]) * aspect) ** 2 + (d[1] - c[1]) ** 2
     return other < plain
-
-
-@njit(nogil=True, cache=True)
-def choose_diagonals(faces, nodes, face_nodes, side_node, heights, aspect, rule, seed):
-    """Choose the diagonal of rule 2 in those of some faces that have two broken sides.
-
-    Parameters
-    ----------
-    rule : int
-        0: the shorter; 1: at random from `seed`; 2: the one nearer to the posts' surface.
-
-    Returns
-    -------
-    bool (n,)
-        True for the diagonal from the break of the first broken side, see `cut_faces`.
-    """
-    is_flipped = np.empty(len(faces), np.bool_)
-    for k in range(len(faces)):
-        is_flipped[k] = choose_diagonal(faces[k], nodes, face_nodes, side_node, heights, aspect, rule, seed)
-    return is_flipped

@@ -84,11 +84,15 @@ class Forest:
         """Nodes, face_nodes, side_twin, side_node, and first and number of the children of each face, as kernels take them."""
         return *self.mesh, self.side_node, self._first_child, self._n_child
 
+    def reserve_nodes(self, n: int) -> None:
+        """Make room for n more nodes."""
+        self.nodes = _grown(self.nodes, self.n_node + n)
+
     def add_nodes(self, nodes: NDArray[np.float64]) -> int:
         """Add nodes and return the index of the first."""
         first = self.n_node
+        self.reserve_nodes(len(nodes))
         self.n_node += len(nodes)
-        self.nodes = _grown(self.nodes, self.n_node)
         self.nodes[first : self.n_node] = nodes
         return first
 

@@ -12,7 +12,17 @@ from numba import njit
 
 from vpfx.topology import NONE
 
-__all__ = ["Candidates", "ScanRule", "candidates", "face_holds", "measure", "scan_faces", "surface_height"]
+__all__ = [
+    "Candidates",
+    "ScanRule",
+    "candidates",
+    "columns_of",
+    "measure",
+    "place_sides",
+    "rows_of",
+    "scan_faces",
+    "surface_height",
+]
 
 # A post this near a face's edge counts as inside, in posts: no post may fall between two faces by rounding.
 EDGE_SLACK = 1e-9
@@ -47,21 +57,15 @@ class Candidates(NamedTuple):
     slot : int32 (n_face,)
         Place of each face of the mesh in the arrays below, -1 if it was not scanned.
     side_error : float64 (3 * n_scan,)
-        Greatest error over the bound among the posts in the band of the side, 0 for none.
-    side_along : float64 (3 * n_scan,)
-        Foot of that post on the side: 0 at its start, 1 at its end.
-    side_post : int64 (3 * n_scan,)
-        That post: row × n_col + column.
+        Greatest error over the threshold among the posts in the band of the side, 0 for none.
     face_post : int64 (n_scan,)
-        Post of the greatest error in the face, -1 for none.
+        Post of the greatest error in the face, row × n_col + column; -1 for none.
     inner_post : int64 (n_scan,)
-        Post in the middle of the face with the greatest error over the bound, -1 for none.
+        Post in the middle of the face with the greatest error over the threshold, -1 for none.
     """
 
     slot: np.ndarray
     side_error: np.ndarray
-    side_along: np.ndarray
-    side_post: np.ndarray
     face_post: np.ndarray
     inner_post: np.ndarray
 
@@ -70,20 +74,27 @@ def candidates(faces: np.ndarray, slot: np.ndarray) -> Candidates:
     """Room for the candidates of some faces, and their places in `slot`."""
     n = len(faces)
     slot[faces] = np.arange(n, dtype=np.int32)
-    return Candidates(slot, np.zeros(3 * n), np.empty(3 * n), np.empty(3 * n, np.int64), *np.empty((2, n), np.int64))
+    return Candidates(slot, np.zeros(3 * n), *np.empty((2, n), np.int64))
 
 
-@njit(nogil=True, cache=True)
+@njit(nogil=True, cache=True, inline="always")
 def surface_height(heights, u, v):
     """Height of the posts' surface at (u, v), metres.
 
     Bilinear in a square with four valid corners, the plane of three where one is void, else the nearest valid corner;
     continuous over ground with data and equal to the posts at the posts. NaN where no corner is valid.
     """
-    n_row, n_col = heights.shape
-    col = min(max(int(np.floor(u)), 0), n_col - 2)
-    row = min(max(int(np.floor(v)), 0), n_row - 2)
+    col = min(max(int(np.floor(u)), 0), heights.shape[1] - 2)
+    row = min(max(int(np.floor(v)), 0), heights.shape[0] - 2)
     x, y = u - col, v - row
+    south = heights[row, col] * (1.0 - x) + heights[row, col + 1] * x
+    height = south * (1.0 - y) + (heights[row + 1, col] * (1.0 - x) + heights[row + 1, col + 1] * x) * y
+    return _height_by_void(heights, row, col, x, y) if np.isnan(height) else height
+
+
+@njit(nogil=True, cache=True)
+def _height_by_void(heights, row, col, x, y):
+    """Height in a square with a void corner, see `surface_height`."""
     sw, se = heights[row, col], heights[row, col + 1]
     nw, ne = heights[row + 1, col], heights[row + 1, col + 1]
     n_void = int(np.isnan(sw)) + int(np.isnan(se)) + int(np.isnan(nw)) + int(np.isnan(ne))
@@ -96,20 +107,19 @@ def surface_height(heights, u, v):
             nw = sw + ne - se
         else:
             ne = se + nw - sw
-    elif n_void > 1:
-        nearest, height = 9.0, np.nan
-        for j in range(2):
-            for i in range(2):
-                corner = heights[row + j, col + i]
-                distance = (x - i) ** 2 + (y - j) ** 2
-                if not np.isnan(corner) and distance < nearest:
-                    nearest, height = distance, corner
-        return height
-    return (sw * (1.0 - x) + se * x) * (1.0 - y) + (nw * (1.0 - x) + ne * x) * y
+        return (sw * (1.0 - x) + se * x) * (1.0 - y) + (nw * (1.0 - x) + ne * x) * y
+    nearest, height = 9.0, np.nan
+    for j in range(2):
+        for i in range(2):
+            corner = heights[row + j, col + i]
+            distance = (x - i) ** 2 + (y - j) ** 2
+            if not np.isnan(corner) and distance < nearest:
+                nearest, height = distance, corner
+    return height
 
 
 @njit(nogil=True, cache=True, inline="always")
-def _columns(corner, steps, row, n_col):
+def columns_of(corner, steps, row, n_col):
     """First and last column of the posts of one row inside a face, edges included."""
     low, high = -1.0, float(n_col)
     for i in range(3):
@@ -122,8 +132,8 @@ def _columns(corner, steps, row, n_col):
 
 
 @njit(nogil=True, cache=True, inline="always")
-def _place_sides(corner, steps):
-    """Fill what `_columns` and the cross products need of steps (3, 7), see `_measure_sides`."""
+def place_sides(corner, steps):
+    """Fill what `columns_of` and the cross products need of steps (3, 7), see `_measure_sides`."""
     for i in range(3):
         j = (i + 1) % 3
         east, north = corner[j, 0] - corner[i, 0], corner[j, 1] - corner[i, 1]
@@ -161,38 +171,14 @@ def _plane(corner):
 
 
 @njit(nogil=True, cache=True, inline="always")
-def _rows(corner, n_row):
+def rows_of(corner, n_row):
     """First and last row of posts that a face reaches."""
     south, north = min(corner[0, 1], corner[1, 1], corner[2, 1]), max(corner[0, 1], corner[1, 1], corner[2, 1])
     return max(0, int(np.ceil(south - EDGE_SLACK))), min(n_row - 1, int(np.floor(north + EDGE_SLACK)))
 
 
 @njit(nogil=True, cache=True)
-def face_holds(face, nodes, face_nodes, heights, bound, corner, steps):
-    """Tell whether a face is one and no post of it is off by more than the bound; the arithmetic is that of `scan_faces`.
-
-    `corner` (3, 3) and `steps` (3, 7) are room to work in.
-    """
-    n_row, n_col = heights.shape
-    for i in range(3):
-        for j in range(3):
-            corner[i, j] = nodes[face_nodes[face, i], j]
-    area, east, north = _plane(corner)
-    if area <= 0.0:
-        return False
-    _place_sides(corner, steps)
-    south, top = _rows(corner, n_row)
-    for row in range(south, top + 1):
-        first, last = _columns(corner, steps, row, n_col)
-        base = corner[0, 2] + north * (row - corner[0, 1]) - east * corner[0, 0]
-        for col in range(first, last + 1):
-            if abs(heights[row, col] - (base + east * col)) > bound:
-                return False
-    return True
-
-
-@njit(nogil=True, cache=True)
-def scan_faces(faces, mesh, heights, residual, bound, aspect, rule, face_error, found):
+def scan_faces(faces, mesh, heights, residual, threshold, aspect, rule, face_error, found):
     """Compare some faces with their posts.
 
     Parameters
@@ -204,8 +190,8 @@ def scan_faces(faces, mesh, heights, residual, bound, aspect, rule, face_error, 
         Metres; NaN posts are passed over.
     residual : float64 (n_row, n_col)
         Takes the vertical error of every post looked at, metres.
-    bound : float
-        Errors up to this are none, metres.
+    threshold : float
+        Errors up to this are none for edges and middles, metres.
     aspect : float
         Width of a post spacing divided by its height.
     rule : tuple
@@ -221,7 +207,7 @@ def scan_faces(faces, mesh, heights, residual, bound, aspect, rule, face_error, 
     """
     n_row, n_col = heights.shape
     nodes, face_nodes, _ = mesh
-    _, side_error, side_along, side_post, face_post, inner_post = found
+    _, side_error, face_post, inner_post = found
     band, least, inner_share, inner_away = rule
     corner, steps = np.empty((3, 3)), np.empty((3, 7))
     for k in range(len(faces)):
@@ -230,19 +216,19 @@ def scan_faces(faces, mesh, heights, residual, bound, aspect, rule, face_error, 
             for j in range(3):
                 corner[i, j] = nodes[face_nodes[face, i], j]
         area, east, north = _plane(corner)
-        _place_sides(corner, steps)
+        place_sides(corner, steps)
         _measure_sides(area, aspect, band, inner_share, inner_away, steps)
-        worst, worst_post, inner, inner_at = 0.0, NONE, bound, NONE
-        south, top = _rows(corner, n_row)
+        worst, worst_post, inner, inner_at = 0.0, NONE, threshold, NONE
+        south, top = rows_of(corner, n_row)
         for row in range(south, top + 1):
-            first, last = _columns(corner, steps, row, n_col)
+            first, last = columns_of(corner, steps, row, n_col)
             base = corner[0, 2] + north * (row - corner[0, 1]) - east * corner[0, 0]
             for col in range(first, last + 1):
                 error = abs(heights[row, col] - (base + east * col))
                 residual[row, col] = error
                 if error > worst:  # never for NaN
                     worst, worst_post = error, row * n_col + col
-                if error > bound:
+                if error > threshold:
                     is_inner = True
                     for i in range(3):
                         cross = steps[i, 0] + steps[i, 1] * col + steps[i, 2] * row
@@ -252,7 +238,7 @@ def scan_faces(faces, mesh, heights, residual, bound, aspect, rule, face_error, 
                             u, v = (col - corner[i, 0]) * aspect**2, row - corner[i, 1]
                             along = (u * steps[i, 2] - v * steps[i, 1]) / steps[i, 5]
                             if least <= along <= 1.0 - least:
-                                side_error[side], side_along[side], side_post[side] = error, along, row * n_col + col
+                                side_error[side] = error
                     if is_inner and error > inner:
                         inner, inner_at = error, row * n_col + col
         face_error[face], face_post[k], inner_post[k] = worst, worst_post, inner_at

@@ -22,10 +22,11 @@ from vpfx.errors import InputError, InvariantError
 from vpfx.methods import breaks
 from vpfx.methods.base import Method, Patch
 from vpfx.methods.borders import LevelRule
-from vpfx.methods.cut import choose_diagonals
 from vpfx.methods.forest import Forest
 from vpfx.methods.scan import Candidates, ScanRule, candidates, measure, scan_faces
+from vpfx.methods.settle import SettleRule, settle_faces
 from vpfx.methods.start import start_mesh
+from vpfx.methods.trial import Terms, choose_diagonals
 from vpfx.methods.undo import undo_breaks
 from vpfx.model import Hierarchy
 
@@ -38,9 +39,16 @@ ROUNDING = 1e-9  # metres: heights that differ by less are taken as equal in pas
 LEAST_SHARE = 1e-6  # of an edge: nearer to an end, or to an edge from inside, a node would make a face without area
 
 # Bounded mode (figures and reasons: specs/methods.md M-140)
-GUARD = 0.62  # an edge may break if it is at least this share of the longest edge of both its faces
-MIDDLE = 0.35  # a break keeps this share of the edge from both its ends
-BAND = ScanRule(band=0.45, end_share=0.15, inner_share=0.3, inner_away=0.0)
+GUARD = 0.8  # an edge may break if it is at least this share of the longest edge of both its faces
+MIDDLE = 0.4  # a break keeps this share of the edge from both its ends
+N_PLACE = 13  # places looked at there
+WANTED = 0.5  # a face over the bound wants edges broken by posts that are off by more than this share of the bound
+BAND = ScanRule(band=0.45, end_share=0.15, inner_share=1.0, inner_away=0.0)  # rule 4 is never wanted
+SETTLE = SettleRule(guard=0.5, middle=0.3, n_place=11, n_pair_place=5, reach=3.0, pair_reach=3.0, rounds=2)
+MOST_THIN = (
+    17.0  # a break that settles a face, or an undone one, leaves no child with more squared sides to the area ...
+)
+DECAY = 1.25  # ... or at most so many times those of the face
 BOUND_SLACK = 1e-6  # the builder works to the bound less this share, so that rounding never shows a post over it
 SWEEPS = 2  # through the cuts of a level, to undo needless breaks
 MOST_LEVELS = 32
@@ -59,16 +67,15 @@ DEFAULTS: dict[str, Any] = {
     "start_posts": 200,
 }
 PASS_OPTIONS = ("tolerance", "xy_tolerance", "xy_ratio")
-SQUARE = 72  # posts to a side of a start square in bounded mode
+SQUARE = 72  # posts to a side of a start square if nothing is asked; as many in all where posts are not square
 
 
 class _Mesh:
     """The mesh in the making over one patch."""
 
     def __init__(self, patch: Patch, options: Mapping[str, Any]) -> None:
-        n_row, n_col = patch.heights.shape
         significant = options["start_posts"] if options["start"] == "delaunay" else 0
-        start = start_mesh(patch, *squares(options, n_row, n_col), significant)
+        start = start_mesh(patch, *patch.n_square, significant)
         row, col = start.posts[:, 0], start.posts[:, 1]
         nodes = np.stack([col, row, patch.heights[row, col]], axis=1).astype(np.float64)
         self.patch = patch
@@ -80,12 +87,16 @@ class _Mesh:
         most = max(len(border.rank) for border in patch.borders)
         self.ranks = np.stack([np.pad(b.rank, (0, most - len(b.rank))) for b in patch.borders])
 
-    def scan(self, faces: Faces, bound: float, rule: ScanRule) -> Candidates:
+    def terms(self, bound: float) -> tuple[Any, ...]:
+        """What cuts have to keep, as kernels take it."""
+        return tuple(Terms(self.patch.aspect, bound, MOST_THIN, DECAY, self.diagonal, self.patch.seed))
+
+    def scan(self, faces: Faces, threshold: float, rule: ScanRule) -> Candidates:
         """Compare faces with their posts."""
         forest, patch = self.forest, self.patch
         found = candidates(faces, forest.slot)
         scan_faces(
-            faces, forest.mesh, patch.heights, self.residual, bound, patch.aspect, tuple(rule), forest.face_error,
+            faces, forest.mesh, patch.heights, self.residual, threshold, patch.aspect, tuple(rule), forest.face_error,
             tuple(found),
         )  # fmt: skip
         return found
@@ -105,33 +116,38 @@ class _Mesh:
         )
         return broken
 
-    def cut(self, faces: Faces, broken: Faces, places: Places, bound: float, found: Candidates) -> tuple[Faces, Faces]:
-        """Break sides, and scanned faces without a broken side inside; return the faces cut and their children."""
+    def settle(self, faces: Faces, bound: float, found: Candidates) -> tuple[Faces, NDArray[np.bool_]]:
+        """Break sides that settle faces; return them, their nodes being the last ones, and which faces are settled."""
+        forest = self.forest
+        settled = forest.face_error[faces] <= bound
+        forest.reserve_nodes(3 * (len(faces) + SETTLE.n_pair_place) + SETTLE.n_place + 2)
+        broken: Faces = settle_faces(
+            faces, forest.n_node, forest.tree, self.patch.heights, self.terms(bound), tuple(SETTLE), forest.side_state,
+            forest.face_error, tuple(found), settled,
+        )  # fmt: skip
+        forest.n_node += len(broken)
+        return broken, settled
+
+    def cut(self, faces: Faces, broken: Faces, first_node: int, bound: float, found: Candidates) -> tuple[Faces, Faces]:
+        """Cut at broken sides, and scanned faces without one inside; return the faces cut and their children."""
         forest, patch = self.forest, self.patch
-        seed = patch.seed + forest.n_node
         most = 2 * len(broken) + len(faces)
         to_cut, post = np.empty(most, np.int32), np.empty(most, np.int64)
-        n_cut = breaks.list_cuts(
-            faces, broken, forest.n_node, forest.mesh, bound, forest.face_error, forest.side_node, tuple(found), to_cut, post
-        )  # fmt: skip
+        n_cut = breaks.list_cuts(faces, broken, first_node, forest.mesh, forest.side_node, tuple(found), to_cut, post)
         to_cut, post = to_cut[:n_cut], post[:n_cut]
         row, col = np.divmod(post[post >= 0], patch.heights.shape[1])
-        forest.add_nodes(places)
         inner_node = np.where(post >= 0, forest.n_node - (n_cut - len(row)) + np.arange(n_cut), -1).astype(np.int32)
         forest.add_nodes(np.stack([col, row, patch.heights[row, col]], axis=1))
         is_flipped = choose_diagonals(
-            to_cut, forest.nodes, forest.face_nodes, forest.side_node, patch.heights, patch.aspect, self.diagonal, seed
+            to_cut, forest.nodes, forest.face_nodes, forest.side_node, patch.heights, self.terms(bound)
         )
         return to_cut, forest.cut(to_cut, inner_node, is_flipped)
 
     def undo(self, faces: Faces, bound: float) -> None:
         """Undo what turned out needless of the cuts of some faces, in this order."""
-        forest, patch = self.forest, self.patch
+        forest = self.forest
         for _ in range(SWEEPS):
-            undo_breaks(
-                faces, forest.tree, forest.side_state, forest.face_error, patch.heights, patch.aspect, bound,
-                self.diagonal, patch.seed,
-            )  # fmt: skip
+            undo_breaks(faces, forest.tree, forest.side_state, forest.face_error, self.patch.heights, self.terms(bound))
 
 
 def _reach_bound(mesh: _Mesh, level: int, bound: float) -> None:
@@ -153,16 +169,16 @@ def _cut_to_bound(mesh: _Mesh, level: int, bound: float) -> Faces:
     faces_cut: list[Faces] = []
     over, new = mesh.leaves[forest.face_error[mesh.leaves] > bound], mesh.leaves
     for _ in range(MOST_PASSES):
-        found = mesh.scan(over, bound, BAND)
-        forced, forced_places = mesh.break_borders(new, level)
+        found = mesh.scan(over, WANTED * bound, BAND)
+        forced, places = mesh.break_borders(new, level)
+        first_node = forest.add_nodes(places)
+        forest.side_node[forced] = np.arange(first_node, forest.n_node)
+        settling, settled = mesh.settle(over, bound, found)
         chosen = breaks.choose_breaks(
-            over, forest.mesh, patch.heights.shape[1], bound, patch.aspect, GUARD, forest.face_error, forest.side_state,
-            tuple(found),
-        )  # fmt: skip
-        places = breaks.place_nodes(chosen, forest.mesh, patch.heights, bound, MIDDLE, tuple(found))
-        to_cut, new = mesh.cut(
-            over, np.concatenate([forced, chosen]), np.concatenate([forced_places, places]), bound, found
+            over, forest.tree, patch.heights.shape[1], patch.aspect, GUARD, forest.side_state, tuple(found), settled
         )
+        forest.add_nodes(breaks.place_nodes(chosen, forest.mesh, patch.heights, MIDDLE, N_PLACE))
+        to_cut, new = mesh.cut(over, np.concatenate([forced, settling, chosen]), first_node, bound, found)
         if len(new) == 0:
             if (forest.face_error[over] > bound).any():
                 raise InvariantError(f"wynne: level {level}: found a face off by more than {bound} m that nothing cuts")
@@ -183,7 +199,8 @@ def _one_pass(mesh: _Mesh, level: int, options: Mapping[str, Any]) -> None:
     chosen, places = breaks.find_significant(
         faces, forest.mesh, patch.heights, patch.aspect, tolerance, away, share, forest.side_state
     )
-    mesh.cut(faces, np.concatenate([forced, chosen]), np.concatenate([forced_places, places]), tolerance, found)
+    first_node = forest.add_nodes(np.concatenate([forced_places, places]))
+    mesh.cut(faces, np.concatenate([forced, chosen]), first_node, np.inf, found)
 
 
 def checked(options: Mapping[str, Any]) -> dict[str, Any]:
@@ -246,11 +263,13 @@ def _checked_bounds(options: Mapping[str, Any]) -> list[float]:
     return bounds
 
 
-def squares(options: Mapping[str, Any], n_row: int, n_col: int) -> tuple[int, int]:
-    """Rows and columns of the start grid over n_row × n_col posts: as asked, or squares of about `SQUARE` posts."""
+def squares(options: Mapping[str, Any], n_row: int, n_col: int, aspect: float) -> tuple[int, int]:
+    """Rows and columns of the start grid over n_row × n_col posts: as asked, or squares on the ground (`SQUARE`)."""
     if options["grid"]:
         return options["grid"][1], options["grid"][0]
-    return max(1, round((n_row - 1) / SQUARE)), max(1, round((n_col - 1) / SQUARE))
+    side = SQUARE * np.sqrt(aspect)
+    n_south, n_east = round((n_row - 1) / side), round((n_col - 1) * aspect / side)
+    return min(max(1, n_south), n_row - 1), min(max(1, n_east), n_col - 1)
 
 
 def build(patch: Patch, options: Mapping[str, Any]) -> Hierarchy:

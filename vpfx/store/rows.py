@@ -297,7 +297,8 @@ def _fill_faces(face_nodes, node_id, edge_id, slope, aspect, rows):  # type: ign
             rows[i, face] = node_id[face_nodes[face, i]]
             rows[3 + i, face] = edge_id[3 * face + i]
         rows[7, face] = np.int64(np.rint(slope[face] * 100.0))
-        rows[8, face] = NULL_INT if np.isnan(aspect[face]) else np.int64(np.rint(aspect[face] * 100.0)) % 36000
+        is_level = rows[7, face] == 0 or np.isnan(aspect[face])
+        rows[8, face] = NULL_INT if is_level else np.int64(np.rint(aspect[face] * 100.0)) % 36000
 
 
 def border_rows(parts: Sequence[OpenSides], level: int, tiling: Tiling) -> Table:
