@@ -238,11 +238,8 @@ def _settle(
     A face is stale if its options are not known, or if it got a break since.
     """
     faces, heights, side_state, face_error = (
-        borrowed(faces),
-        borrowed(heights),
-        borrowed(side_state),
-        borrowed(face_error),
-    )
+        borrowed(faces), borrowed(heights), borrowed(side_state), borrowed(face_error)
+    )  # fmt: skip
     slot, settled, broken = borrowed(slot), borrowed(settled), borrowed(broken)
     options, significance, n_option, is_stale = (
         borrowed(options), borrowed(significance), borrowed(n_option), borrowed(is_stale)
@@ -254,9 +251,10 @@ def _settle(
     tree, state = (nodes, face_nodes, side_twin, side_node), (n_option, is_stale, settled, broken)
     room = (posts, corner, steps, borrowed(gains), borrowed(order))
     n, count = len(faces), 0
-    for _ in range(rule[6]):
+    for turn in range(rule[6]):
         for k in range(n):
             face = np.int64(faces[k])
+            n_option[k] = 0  # those of the turn before failed
             if settled[k] or not is_stale[k] or face_error[face] > rule[4] * terms[1]:
                 continue
             if not is_whole(face, side_node):
@@ -271,7 +269,7 @@ def _settle(
             count = _settle_with_one(
                 kind, faces, n_node, count, tree, heights, terms, rule, face_error, slot, options, state, room
             )
-        for k in range(n):
+        for k in range(n if turn == 0 else 0):  # later, a face that may be settled has a break
             face = np.int64(faces[k])
             if settled[k] or face_error[face] > rule[5] * terms[1] or not is_whole(face, side_node):
                 continue
