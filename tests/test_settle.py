@@ -17,6 +17,7 @@ from vpfx.methods.settle import SettleRule, settle_faces
 from vpfx.methods.trial import HOLDS, TOO_THIN, Terms, choose_diagonals, gather_posts, make_room, thinness, try_cut
 
 N_POST = 13
+NEAR = Fraction(1, 10**9)
 RULE = SettleRule(guard=0.5, middle=0.3, n_place=11, n_pair_place=5, reach=10.0, pair_reach=10.0, rounds=2)
 SQUARES = np.array([[0, 1, 4], [0, 4, 3], [1, 2, 4], [2, 5, 4]], np.int32)  # diagonals lean opposite ways
 
@@ -26,7 +27,7 @@ def terms(bound, most_thin=np.inf):
 
 
 def errors(corners, heights):
-    """Exact errors of the posts in a face, edges included."""
+    """Exact errors of the posts in a face, edges included: a node on an edge is off it by its rounding."""
     (ax, ay, az), (bx, by, bz), (cx, cy, cz) = [[Fraction(float(value)) for value in corner] for corner in corners]
     area = (bx - ax) * (cy - ay) - (cx - ax) * (by - ay)
     assert area > 0
@@ -35,7 +36,7 @@ def errors(corners, heights):
         for col in range(heights.shape[1]):
             share_b = ((col - ax) * (cy - ay) - (cx - ax) * (row - ay)) / area
             share_c = ((bx - ax) * (row - ay) - (col - ax) * (by - ay)) / area
-            if min(share_b, share_c) >= 0 and share_b + share_c <= 1:
+            if min(share_b, share_c, 1 - share_b - share_c) >= -NEAR:
                 height = az + share_b * (bz - az) + share_c * (cz - az)
                 found.append(abs(height - Fraction(float(heights[row, col]))))
     return found
