@@ -111,7 +111,10 @@ def app() -> None:
 )
 @click.option("--xy-ratio", default=0.1, show_default=True, help="Pass mode: the same as a share of the edge.")
 @click.option(
-    "--diagonal", default="shorter", show_default=True, help="Rule 2 takes this diagonal: shorter, random, least-error."
+    "--diagonal",
+    default="shorter",
+    show_default=True,
+    help="Rule 2 takes this diagonal: shorter, random, least-error; with a bound, the other where only that keeps it.",
 )
 @click.option(
     "--start", default="grid", show_default=True, help="Start mesh: grid, or delaunay of the most significant posts."
