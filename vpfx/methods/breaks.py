@@ -20,6 +20,7 @@ __all__ = [
     "is_guarded",
     "list_cuts",
     "place_nodes",
+    "place_on_side",
 ]
 
 OPEN, BROKEN, REPLACED, KEPT = range(4)  # states of a side; KEPT: on a fixed border, which alone says where it breaks
@@ -209,6 +210,16 @@ def choose_breaks(faces, tree, n_col, aspect, guard, side_state, found, settled)
     return np.sort(seen[:n_broken])
 
 
+@njit(nogil=True, cache=True, inline="always")
+def place_on_side(side, share, nodes, face_nodes, heights):
+    """Place at a share of a side, u, v and height of the posts' surface there, and how far that is from the side, metres."""
+    start, end = face_nodes[side // 3, side % 3], face_nodes[side // 3, (side % 3 + 1) % 3]
+    u = nodes[start, 0] + share * (nodes[end, 0] - nodes[start, 0])
+    v = nodes[start, 1] + share * (nodes[end, 1] - nodes[start, 1])
+    height = surface_height(heights, u, v)
+    return u, v, height, abs(height - (nodes[start, 2] + share * (nodes[end, 2] - nodes[start, 2])))
+
+
 @njit(nogil=True, cache=True)
 def place_nodes(broken, mesh, heights, middle, n_place):
     """Place the nodes of chosen breaks where the posts' surface is farthest from the side; of equals, nearest to its middle.
@@ -230,15 +241,11 @@ def place_nodes(broken, mesh, heights, middle, n_place):
     nodes, face_nodes, _ = mesh
     places = np.empty((len(broken), 3))
     for n in range(len(broken)):
-        side = broken[n]
-        start, end = nodes[face_nodes[side // 3, side % 3]], nodes[face_nodes[side // 3, (side % 3 + 1) % 3]]
         most = -1.0
         for place in range(n_place):
             step = (place + 1) // 2 * (1 if place % 2 == 0 else -1)  # from the middle outwards
             share = 0.5 + step * (1.0 - 2.0 * middle) / (n_place - 1)
-            u, v = start[0] + share * (end[0] - start[0]), start[1] + share * (end[1] - start[1])
-            height = surface_height(heights, u, v)
-            significance = abs(height - (start[2] + share * (end[2] - start[2])))
+            u, v, height, significance = place_on_side(broken[n], share, nodes, face_nodes, heights)
             if significance > most:
                 most = significance
                 places[n, 0], places[n, 1], places[n, 2] = u, v, height
@@ -252,7 +259,7 @@ def list_cuts(faces, broken, first_node, mesh, side_node, found, to_cut, to_cut_
     Parameters
     ----------
     faces : int32 (n_scan,)
-        Faces as they were scanned; their slots are given back.
+        Faces as they were scanned; their slots are given back, those of faces to cut by `vpfx.methods.cut.cut_faces`.
     broken : int32 (n,)
         Sides; their nodes are counted from `first_node`.
     side_node

@@ -15,9 +15,8 @@ import numpy as np
 from numba import njit
 
 from vpfx.methods.borrow import borrowed
-from vpfx.methods.breaks import OPEN, is_guarded
+from vpfx.methods.breaks import OPEN, is_guarded, place_on_side
 from vpfx.methods.cut import is_whole
-from vpfx.methods.scan import surface_height
 from vpfx.methods.trial import HOLDS, gather_posts, make_room, try_cut
 from vpfx.topology import NONE
 
@@ -64,13 +63,10 @@ def _share(place, middle, n_place):
 
 @njit(nogil=True, cache=True, inline="always")
 def _place(side, share, node, nodes, face_nodes, heights):
-    """Put a node on a side, on the posts' surface, and return how far that is from the side, metres."""
-    start, end = face_nodes[side // 3, side % 3], face_nodes[side // 3, (side % 3 + 1) % 3]
-    u = nodes[start, 0] + share * (nodes[end, 0] - nodes[start, 0])
-    v = nodes[start, 1] + share * (nodes[end, 1] - nodes[start, 1])
-    height = surface_height(heights, u, v)
+    """Put a node on a side, on the posts' surface, and return its significance, metres."""
+    u, v, height, significance = place_on_side(side, share, nodes, face_nodes, heights)
     nodes[node, 0], nodes[node, 1], nodes[node, 2] = u, v, height
-    return abs(height - (nodes[start, 2] + share * (nodes[end, 2] - nodes[start, 2])))
+    return significance
 
 
 @njit(nogil=True, cache=True)
@@ -106,12 +102,14 @@ def _rank_places(side, first, middle, n_place, nodes, face_nodes, heights, gains
 
 
 @njit(nogil=True, cache=True)
-def _list_options(face, node, tree, heights, terms, rule, side_state, options, significance, room):
-    """List single breaks that settle a face, the most significant first, as side × places + place; return how many."""
+def _list_options(face, n_post, node, tree, heights, terms, rule, side_state, options, significance, room):
+    """List single breaks that settle a face, its posts being gathered; return how many.
+
+    Options are the most significant first, as side × places + place.
+    """
     nodes, face_nodes, _, side_node = tree
-    posts, corner, steps, gains, order = room
+    posts, _, _, gains, order = room
     guard, middle, n_place = rule[0], rule[1], rule[2]
-    n_post = gather_posts(face, nodes, face_nodes, heights, posts, corner, steps)
     n, hint = 0, 0
     for i in range(3):
         side = np.int64(3 * face + i)
@@ -135,7 +133,7 @@ def _list_options(face, node, tree, heights, terms, rule, side_state, options, s
 
 @njit(nogil=True, cache=True)
 def _settle_with_two(face, node, tree, heights, terms, rule, side_state, face_error, slot, settled, room):
-    """Break two sides of a whole face so that it is settled, and no face across that holds is spoilt; tell whether."""
+    """Break two sides of a whole face so that it is settled and none across is spoilt; return the first, or NONE."""
     nodes, face_nodes, side_twin, side_node = tree
     aspect, bound = terms[0], terms[1]
     guard, middle, n_place = rule[0], rule[1], rule[3]
@@ -257,12 +255,12 @@ def _settle(
             n_option[k] = 0  # those of the turn before failed
             if settled[k] or not is_stale[k] or face_error[face] > rule[4] * terms[1]:
                 continue
+            n_post = gather_posts(face, nodes, face_nodes, heights, posts, corner, steps)
             if not is_whole(face, side_node):
-                n_post = gather_posts(face, nodes, face_nodes, heights, posts, corner, steps)
                 settled[k] = try_cut(face, False, 0, posts, n_post, nodes, face_nodes, side_node, terms)[0] == HOLDS
             if not settled[k]:
                 n_option[k] = _list_options(
-                    face, n_node + count, tree, heights, terms, rule, side_state, options[k], significance, room
+                    face, n_post, n_node + count, tree, heights, terms, rule, side_state, options[k], significance, room
                 )
                 is_stale[k] = False
         for kind in (BOTH, HOLDING, ANY):

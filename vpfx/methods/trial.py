@@ -16,7 +16,17 @@ from vpfx.methods.cut import choose_diagonal
 from vpfx.methods.scan import columns_of, place_sides, rows_of
 from vpfx.topology import NONE
 
-__all__ = ["HOLDS", "TOO_THIN", "Terms", "choose_diagonals", "gather_posts", "make_room", "thinness", "try_cut"]
+__all__ = [
+    "HOLDS",
+    "TOO_THIN",
+    "Terms",
+    "choose_diagonals",
+    "gather_posts",
+    "holding_diagonal",
+    "make_room",
+    "thinness",
+    "try_cut",
+]
 
 HOLDS, TOO_THIN = -1, -2  # in place of a post
 
@@ -221,24 +231,35 @@ def try_cut(face, flip, hint, posts, n_post, nodes, face_nodes, side_node, terms
 
 
 @njit(nogil=True, cache=True)
-def choose_diagonals(faces, nodes, face_nodes, side_node, heights, terms):
-    """Choose the diagonal of rule 2 in those of some faces that have two broken sides: as asked, or what holds the bound.
+def holding_diagonal(face, nodes, face_nodes, side_node, heights, terms, room):
+    """Choose the diagonal of rule 2 in a face: as asked, or the other where only that holds the bound.
+
+    Parameters
+    ----------
+    room : tuple
+        What `make_room` returns.
 
     Returns
     -------
-    bool (n,)
-        True for the diagonal from the break of the first broken side, see `vpfx.methods.cut.cut_faces`.
+    bool
+        True for the diagonal from the break of the first broken side; False for a face that has not two broken sides.
     """
+    if (side_node[3 * face] != NONE) + (side_node[3 * face + 1] != NONE) + (side_node[3 * face + 2] != NONE) != 2:
+        return False
     aspect, bound, _, _, diagonal, seed = terms
-    posts, corner, steps = make_room(heights.size)
-    is_flipped = np.zeros(len(faces), np.bool_)
+    flip = choose_diagonal(face, nodes, face_nodes, side_node, heights, aspect, diagonal, seed)
+    if np.isinf(bound):
+        return flip
+    posts, corner, steps = room
+    n_post = gather_posts(face, nodes, face_nodes, heights, posts, corner, steps)
+    return try_cut(face, flip, 0, posts, n_post, nodes, face_nodes, side_node, terms)[1]
+
+
+@njit(nogil=True, cache=True)
+def choose_diagonals(faces, nodes, face_nodes, side_node, heights, terms):
+    """Choose the diagonals of some faces, bool (n,), as `holding_diagonal` does."""
+    room = make_room(heights.size)
+    is_flipped = np.empty(len(faces), np.bool_)
     for k in range(len(faces)):
-        face = faces[k]
-        if (side_node[3 * face] != NONE) + (side_node[3 * face + 1] != NONE) + (side_node[3 * face + 2] != NONE) != 2:
-            continue
-        flip = choose_diagonal(face, nodes, face_nodes, side_node, heights, aspect, diagonal, seed)
-        if not np.isinf(bound):
-            n_post = gather_posts(face, nodes, face_nodes, heights, posts, corner, steps)
-            flip = try_cut(face, flip, 0, posts, n_post, nodes, face_nodes, side_node, terms)[1]
-        is_flipped[k] = flip
+        is_flipped[k] = holding_diagonal(faces[k], nodes, face_nodes, side_node, heights, terms, room)
     return is_flipped

@@ -18,8 +18,8 @@ import numpy as np
 from numba import njit
 
 from vpfx.methods.breaks import KEPT, OPEN
-from vpfx.methods.cut import choose_diagonal, cut_one, is_whole
-from vpfx.methods.trial import HOLDS, gather_posts, make_room, try_cut
+from vpfx.methods.cut import cut_one, is_whole
+from vpfx.methods.trial import HOLDS, gather_posts, holding_diagonal, make_room, try_cut
 from vpfx.topology import NONE
 
 __all__ = ["undo_breaks"]
@@ -73,11 +73,7 @@ def _cut_anew(face, tree, side_state, face_error, heights, terms, halves, room):
             side_twin[3 * face + i] = NONE
             halves[i, 0] = halves[i, 1] = 3 * face + i
         return
-    aspect, _, _, _, diagonal, seed = terms
-    posts, corner, steps = room
-    n_post = gather_posts(face, nodes, face_nodes, heights, posts, corner, steps)
-    flip = choose_diagonal(face, nodes, face_nodes, side_node, heights, aspect, diagonal, seed)
-    flip = try_cut(face, flip, 0, posts, n_post, nodes, face_nodes, side_node, terms)[1]
+    flip = holding_diagonal(face, nodes, face_nodes, side_node, heights, terms, room)
     first = first_child[face]
     side_twin[3 * first : 3 * (first + n_child[face])] = NONE
     side_state[3 * first : 3 * (first + n_child[face])] = OPEN

@@ -45,10 +45,8 @@ N_PLACE = 13  # places looked at there
 WANTED = 0.5  # a face over the bound wants edges broken by posts that are off by more than this share of the bound
 BAND = ScanRule(band=0.45, end_share=0.15, inner_share=1.0, inner_away=0.0)  # rule 4 is never wanted
 SETTLE = SettleRule(guard=0.5, middle=0.3, n_place=11, n_pair_place=5, reach=3.0, pair_reach=3.0, rounds=2)
-MOST_THIN = (
-    17.0  # a break that settles a face, or an undone one, leaves no child with more squared sides to the area ...
-)
-DECAY = 1.25  # ... or at most so many times those of the face
+MOST_THIN = 17.0  # settling and undoing leave no child with a greater thinness ...
+DECAY = 1.25  # ... unless that of the face times this is greater still
 BOUND_SLACK = 1e-6  # the builder works to the bound less this share, so that rounding never shows a post over it
 SWEEPS = 2  # through the cuts of a level, to undo needless breaks
 MOST_LEVELS = 32
