@@ -18,7 +18,7 @@ from vpfx.methods.trial import HOLDS, TOO_THIN, Terms, choose_diagonals, gather_
 
 N_POST = 13
 NEAR = Fraction(1, 10**9)
-RULE = SettleRule(guard=0.5, middle=0.3, n_place=11, n_pair_place=5, reach=10.0, pair_reach=10.0, rounds=2)
+RULE = SettleRule(guard=0.5, middle=0.3, n_place=11, reach=10.0, pair_reach=10.0, rounds=2)
 SQUARES = np.array([[0, 1, 4], [0, 4, 3], [1, 2, 4], [2, 5, 4]], np.int32)  # diagonals lean opposite ways
 
 

@@ -84,8 +84,9 @@ def surface_height(heights, u, v):
     Bilinear in a square with four valid corners, the plane of three where one is void, else the nearest valid corner;
     continuous over ground with data and equal to the posts at the posts. NaN where no corner is valid.
     """
-    col = min(max(int(np.floor(u)), 0), heights.shape[1] - 2)
-    row = min(max(int(np.floor(v)), 0), heights.shape[0] - 2)
+    col, row = int(np.floor(u)), int(np.floor(v))
+    col = (col if col < heights.shape[1] - 2 else heights.shape[1] - 2) if col > 0 else 0
+    row = (row if row < heights.shape[0] - 2 else heights.shape[0] - 2) if row > 0 else 0
     x, y = u - col, v - row
     south = heights[row, col] * (1.0 - x) + heights[row, col + 1] * x
     height = south * (1.0 - y) + (heights[row + 1, col] * (1.0 - x) + heights[row + 1, col + 1] * x) * y
@@ -125,10 +126,11 @@ def columns_of(corner, steps, row, n_col):
     for i in range(3):
         crossing = corner[i, 0] + steps[i, 6] * (row - corner[i, 1])
         if steps[i, 1] < 0.0:  # the inside lies to the west of a northward edge
-            high = min(high, crossing)
+            high = crossing if crossing < high else high
         elif steps[i, 1] > 0.0:
-            low = max(low, crossing)
-    return max(0, int(np.ceil(low - EDGE_SLACK))), min(n_col - 1, int(np.floor(high + EDGE_SLACK)))
+            low = crossing if crossing > low else low
+    first, last = int(np.ceil(low - EDGE_SLACK)), int(np.floor(high + EDGE_SLACK))
+    return first if first > 0 else 0, last if last < n_col - 1 else n_col - 1
 
 
 @njit(nogil=True, cache=True, inline="always")

@@ -4,7 +4,7 @@ A pass first looks for the fewest breaks that settle its faces: one, on a side w
 where the face across holds all the same, or, if nothing else helps, where it has to be cut anyway; then two at a time. Of
 all places of a break the most significant one that settles the face is taken: where the posts' surface is farthest from
 the edge. Arrays are those of `vpfx.methods.forest.Forest` and `vpfx.methods.scan.Candidates`, `terms` a
-`vpfx.methods.trial.Terms`.
+`vpfx.methods.trial.Terms`, `rule` a `SettleRule`.
 """
 
 from __future__ import annotations
@@ -17,14 +17,16 @@ from numba import njit
 from vpfx.methods.borrow import borrowed
 from vpfx.methods.breaks import OPEN, is_guarded, place_on_side
 from vpfx.methods.cut import is_whole
-from vpfx.methods.trial import HOLDS, gather_posts, make_room, try_cut
+from vpfx.methods.trial import HOLDS, gather_posts, make_room, thinness, try_cut
+from vpfx.methods.window import find_windows, share_of
 from vpfx.topology import NONE
 
 __all__ = ["SettleRule", "settle_faces"]
 
-BOTH, HOLDING, ANY = range(
-    3
-)  # what a break may do to the face across: settle it, find it holding, or leave it to later
+BOTH, HOLDING, ANY = range(3)  # what a break does to the face across: settle it, find it holding, leave it to later
+# Of a place: between which heights a node there lets the faces to its left and its right hold; posts' surface; significance
+LEFT_LOW, LEFT_HIGH, RIGHT_LOW, RIGHT_HIGH, HEIGHT, GAIN = range(6)
+PAIR_STEP = 2  # two breaks are tried at every second place
 
 
 class SettleRule(NamedTuple):
@@ -37,11 +39,9 @@ class SettleRule(NamedTuple):
     middle : float
         A break keeps this share of the side from both its ends.
     n_place : int
-        Places on a side, evenly spread.
-    n_pair_place : int
-        Places on each of two sides.
+        Places on a side, evenly spread, of an odd number; two breaks at once are tried at every second one.
     reach, pair_reach : float
-        Faces that are off by more than so many bounds are not tried with one break, with two.
+        Faces that are off by more than so many bounds are not tried with one break, with two; the second is not the greater.
     rounds : int
         Times that all faces are gone through.
     """
@@ -49,20 +49,13 @@ class SettleRule(NamedTuple):
     guard: float
     middle: float
     n_place: int
-    n_pair_place: int
     reach: float
     pair_reach: float
     rounds: int
 
 
 @njit(nogil=True, cache=True, inline="always")
-def _share(place, middle, n_place):
-    """Share of a side at a place of it."""
-    return middle + (1.0 - 2.0 * middle) * place / (n_place - 1)
-
-
-@njit(nogil=True, cache=True, inline="always")
-def _place(side, share, node, nodes, face_nodes, heights):
+def _put(side, share, node, nodes, face_nodes, heights):
     """Put a node on a side, on the posts' surface, and return its significance, metres."""
     u, v, height, significance = place_on_side(side, share, nodes, face_nodes, heights)
     nodes[node, 0], nodes[node, 1], nodes[node, 2] = u, v, height
@@ -71,7 +64,7 @@ def _place(side, share, node, nodes, face_nodes, heights):
 
 @njit(nogil=True, cache=True)
 def _break(side, node, side_twin, side_node):
-    """Let a node, or NONE, break a side."""
+    """Let a node break a side."""
     side_node[side] = node
     if side_twin[side] != NONE:
         side_node[side_twin[side]] = node
@@ -90,11 +83,180 @@ def _may_break(side, tree, aspect, guard, side_state):
 
 
 @njit(nogil=True, cache=True)
-def _rank_places(side, first, middle, n_place, nodes, face_nodes, heights, gains, order):
-    """Put nodes from `first` on at all places of a side; fill gains and order (n_place,), the most significant place first."""
-    for place in range(n_place):
-        gain = _place(side, _share(place, middle, n_place), first + place, nodes, face_nodes, heights)
-        at = place
+def _most_thin(face, nodes, face_nodes, terms):
+    """Greatest thinness of a child of a face."""
+    a, b, c = face_nodes[face, 0], face_nodes[face, 1], face_nodes[face, 2]
+    return max(terms[2], terms[3] * thinness(nodes, a, b, c, terms[0]))
+
+
+@njit(nogil=True, cache=True, inline="always")
+def _fits(height, windows, place):
+    """Tell whether a node at a place lets the faces on both sides of it hold."""
+    is_left = windows[place, LEFT_LOW] <= height <= windows[place, LEFT_HIGH]
+    return is_left and windows[place, RIGHT_LOW] <= height <= windows[place, RIGHT_HIGH]
+
+
+@njit(nogil=True, cache=True)
+def _fill_windows(side, n_post, node, tree, heights, terms, rule, room, windows):
+    """Fill windows (n_place, ≥ 4) for the places of a side, the posts of its face being gathered.
+
+    In a face with breaks only a node on the posts' surface fits, and only every PAIR_STEP-th place is looked at.
+    """
+    nodes, face_nodes, _, side_node = tree
+    posts, _, _, work, bins = room
+    face, i, middle, n_place = side // 3, side % 3, rule[1], rule[2]
+    if is_whole(face, side_node):
+        a, b, c = face_nodes[face, i], face_nodes[face, (i + 1) % 3], face_nodes[face, (i + 2) % 3]
+        most = _most_thin(face, nodes, face_nodes, terms)
+        find_windows(a, b, c, posts, n_post, nodes, terms[0], terms[1], most, middle, n_place, work, bins, windows)
+        return
+    hint = 0
+    side_node[side] = node
+    windows[:, LEFT_LOW], windows[:, RIGHT_LOW] = np.inf, np.inf
+    for place in range(0, n_place, PAIR_STEP):
+        _put(side, share_of(place, middle, n_place), node, nodes, face_nodes, heights)
+        found = try_cut(face, False, hint, posts, n_post, nodes, face_nodes, side_node, terms)[0]
+        hint = found if found >= 0 else hint
+        windows[place, LEFT_LOW] = windows[place, RIGHT_LOW] = nodes[node, 2] if found == HOLDS else np.inf
+        windows[place, LEFT_HIGH] = windows[place, RIGHT_HIGH] = nodes[node, 2]
+    side_node[side] = NONE
+
+
+@njit(nogil=True, cache=True)
+def _fill_across(side, node, tree, heights, terms, rule, room, across):
+    """Fill across (n_place, 4) with the windows of the face across a side, at the places of the side."""
+    nodes, face_nodes, side_twin, _ = tree
+    posts, corner, steps, _, _ = room
+    twin, n_place = np.int64(side_twin[side]), rule[2]
+    n_post = gather_posts(twin // 3, nodes, face_nodes, heights, posts, corner, steps)
+    _fill_windows(twin, n_post, node, tree, heights, terms, rule, room, across)
+    for place in range(n_place // 2):
+        for j in range(4):
+            across[place, j], across[n_place - 1 - place, j] = across[n_place - 1 - place, j], across[place, j]
+
+
+@njit(nogil=True, cache=True)
+def _fill_places(face, node, tree, heights, terms, rule, side_state, room, places):
+    """Fill what is to be known of all places on the sides of a face, (3, n_place, 6); return whether it settles as it is."""
+    nodes, face_nodes, _, side_node = tree
+    posts, corner, steps, _, _ = room
+    middle, n_place = rule[1], rule[2]
+    n_post = gather_posts(face, nodes, face_nodes, heights, posts, corner, steps)
+    if not is_whole(face, side_node):
+        if try_cut(face, False, 0, posts, n_post, nodes, face_nodes, side_node, terms)[0] == HOLDS:
+            return True
+    for i in range(3):
+        side = 3 * face + i
+        if not _may_break(side, tree, terms[0], rule[0], side_state):
+            places[i, :, LEFT_LOW] = places[i, :, RIGHT_LOW] = np.inf
+            places[i, :, HEIGHT], places[i, :, GAIN] = np.nan, 0.0
+            continue
+        _fill_windows(side, n_post, node, tree, heights, terms, rule, room, places[i])
+        for place in range(n_place):
+            if (
+                places[i, place, LEFT_LOW] <= places[i, place, LEFT_HIGH]
+                or places[i, place, RIGHT_LOW] <= places[i, place, RIGHT_HIGH]
+            ):
+                gain = _put(side, share_of(place, middle, n_place), node, nodes, face_nodes, heights)
+                places[i, place, HEIGHT], places[i, place, GAIN] = nodes[node, 2], gain
+            else:
+                places[i, place, HEIGHT], places[i, place, GAIN] = np.nan, 0.0
+    return False
+
+
+@njit(nogil=True, cache=True)
+def _settle_with_one(
+    kind, faces, n_node, count, tree, heights, terms, rule, face_error, slot, places, state, room, across
+):
+    """Break sides, each of which settles its face and does to the face across what `kind` says."""
+    nodes, face_nodes, side_twin, side_node = tree
+    is_stale, settled, broken = state
+    bound, middle, n_place = terms[1], rule[1], rule[2]
+    for k in range(len(faces)):
+        if settled[k] or is_stale[k]:
+            continue
+        best, best_side, best_place = -1.0, np.int64(NONE), 0
+        for i in range(3):
+            side = np.int64(3 * faces[k] + i)
+            twin = np.int64(side_twin[side])
+            other = twin // 3 if twin != NONE else np.int64(NONE)
+            is_over = twin != NONE and face_error[other] > bound and not settled[slot[other]]
+            if side_node[side] != NONE or is_over != (kind != HOLDING):
+                continue
+            if kind == BOTH and face_error[other] > rule[3] * bound:
+                continue
+            is_known = False
+            for place in range(n_place):
+                height, gain = places[k, i, place, HEIGHT], places[k, i, place, GAIN]
+                if gain <= best or not _fits(height, places[k, i], place):
+                    continue
+                if twin != NONE and kind != ANY:
+                    if kind == BOTH and not is_stale[slot[other]]:
+                        if not _fits(height, places[slot[other], twin % 3], n_place - 1 - place):
+                            continue
+                    else:
+                        if not is_known:
+                            _fill_across(side, n_node + count, tree, heights, terms, rule, room, across)
+                            is_known = True
+                        if not _fits(height, across, place):
+                            continue
+                best, best_side, best_place = gain, side, place
+        if best_side == NONE:
+            continue
+        _put(best_side, share_of(best_place, middle, n_place), n_node + count, nodes, face_nodes, heights)
+        _break(best_side, n_node + count, side_twin, side_node)
+        broken[count] = best_side
+        count += 1
+        settled[k] = True
+        if side_twin[best_side] != NONE and slot[side_twin[best_side] // 3] != NONE:
+            at = slot[side_twin[best_side] // 3]
+            settled[at] = settled[at] or kind == BOTH
+            is_stale[at] = True
+    return count
+
+
+@njit(nogil=True, cache=True)
+def _fill_pairs(face, i, node, n_post, tree, terms, rule, places, room, windows, holds):
+    """Fill which nodes on side i and the next settle a face together, holds (n_pair, n_pair); tell whether any do.
+
+    The nodes of the places stand from `node` on, side by side. Either diagonal makes a face of one of the nodes only; where
+    that holds, the two others come from a face of that node and two corners, cut by the other node.
+    """
+    nodes, face_nodes, _, _ = tree
+    posts, _, _, work, bins = room
+    n_pair, j = rule[2] // PAIR_STEP + 1, (i + 1) % 3
+    a, b, c = face_nodes[face, i], face_nodes[face, j], face_nodes[face, (i + 2) % 3]
+    one, two = node + i * n_pair, node + j * n_pair
+    most = _most_thin(face, nodes, face_nodes, terms)
+    aspect, bound, middle = terms[0], terms[1], rule[1]
+    holds[:] = False
+    is_found = False
+    for place in range(n_pair):
+        low, high = places[j, place * PAIR_STEP, RIGHT_LOW], places[j, place * PAIR_STEP, RIGHT_HIGH]
+        if low <= places[j, place * PAIR_STEP, HEIGHT] <= high:  # diagonal from a to this node
+            find_windows(
+                a, b, two + place, posts, n_post, nodes, aspect, bound, most, middle, n_pair, work, bins, windows
+            )
+            for at in range(n_pair):
+                holds[at, place] = _fits(places[i, at * PAIR_STEP, HEIGHT], windows, at)
+                is_found = is_found or holds[at, place]
+    for place in range(n_pair):
+        low, high = places[i, place * PAIR_STEP, LEFT_LOW], places[i, place * PAIR_STEP, LEFT_HIGH]
+        if low <= places[i, place * PAIR_STEP, HEIGHT] <= high:  # diagonal from this node to c
+            find_windows(
+                b, c, one + place, posts, n_post, nodes, aspect, bound, most, middle, n_pair, work, bins, windows
+            )
+            for at in range(n_pair):
+                if _fits(places[j, at * PAIR_STEP, HEIGHT], windows, at):
+                    holds[place, at] = is_found = True
+    return is_found
+
+
+@njit(nogil=True, cache=True)
+def _rank_places(places, gains, order):
+    """Fill order (n_pair,) with every PAIR_STEP-th place, the most significant first."""
+    for place in range(len(order)):
+        gain, at = places[place * PAIR_STEP, GAIN], place
         while at > 0 and gains[at - 1] < gain:
             gains[at], order[at] = gains[at - 1], order[at - 1]
             at -= 1
@@ -102,83 +264,48 @@ def _rank_places(side, first, middle, n_place, nodes, face_nodes, heights, gains
 
 
 @njit(nogil=True, cache=True)
-def _list_options(face, n_post, node, tree, heights, terms, rule, side_state, options, significance, room):
-    """List single breaks that settle a face, its posts being gathered; return how many.
-
-    Options are the most significant first, as side × places + place.
-    """
-    nodes, face_nodes, _, side_node = tree
-    posts, _, _, gains, order = room
-    guard, middle, n_place = rule[0], rule[1], rule[2]
-    n, hint = 0, 0
-    for i in range(3):
-        side = np.int64(3 * face + i)
-        if not _may_break(side, tree, terms[0], guard, side_state):
-            continue
-        _rank_places(side, node, middle, n_place, nodes, face_nodes, heights, gains[i], order[i])
-        for rank in range(n_place):
-            side_node[side] = node + order[i, rank]
-            found = try_cut(face, False, hint, posts, n_post, nodes, face_nodes, side_node, terms)[0]
-            hint = found if found >= 0 else hint
-            if found == HOLDS:
-                at = n
-                while at > 0 and significance[at - 1] < gains[i, rank]:
-                    significance[at], options[at] = significance[at - 1], options[at - 1]
-                    at -= 1
-                significance[at], options[at] = gains[i, rank], i * n_place + order[i, rank]
-                n += 1
-        side_node[side] = NONE
-    return n
-
-
-@njit(nogil=True, cache=True)
-def _settle_with_two(face, node, tree, heights, terms, rule, side_state, face_error, slot, settled, room):
+def _settle_with_two(
+    face, node, tree, heights, terms, rule, face_error, slot, settled, places, room, pair_room, across
+):
     """Break two sides of a whole face so that it is settled and none across is spoilt; return the first, or NONE."""
     nodes, face_nodes, side_twin, side_node = tree
-    aspect, bound = terms[0], terms[1]
-    guard, middle, n_place = rule[0], rule[1], rule[3]
-    posts, corner, steps, gains, order = room
-    verdict = np.zeros((3, n_place), np.int8)  # of the face across: 1 it may be broken there, -1 not, 0 not known yet
-    n_side = 0
+    posts, corner, steps, _, _ = room
+    windows, holds, gains, order = pair_room
+    bound, middle, n_place = terms[1], rule[1], rule[2]
+    n_pair = n_place // PAIR_STEP + 1
+    is_found = np.int64(0)
+    n_post = gather_posts(face, nodes, face_nodes, heights, posts, corner, steps)
     for i in range(3):
-        side = np.int64(3 * face + i)
-        if not _may_break(side, tree, aspect, guard, side_state):
-            verdict[i] = -1
-            continue
-        n_side += 1
-        other = np.int64(side_twin[side] // 3) if side_twin[side] != NONE else np.int64(NONE)
-        if other == NONE or (face_error[other] > bound and not settled[slot[other]]):
-            verdict[i] = 1
-        _rank_places(side, node + 2 + i * n_place, middle, n_place, nodes, face_nodes, heights, gains[i], order[i])
-        for rank in range(n_place):
-            order[i, rank] += node + 2 + i * n_place
-    if n_side < 2:
-        return NONE
-    n_post, hint = gather_posts(face, nodes, face_nodes, heights, posts, corner, steps), 0
-    for total in range(2 * n_place - 1):
+        for place in range(n_pair):
+            share = share_of(place, middle, n_pair)
+            _put(3 * face + i, share, node + 2 + i * n_pair + place, nodes, face_nodes, heights)
+        _rank_places(places[i], gains, order[i])
+    for i in range(3):
+        is_found |= _fill_pairs(face, i, node + 2, n_post, tree, terms, rule, places, room, windows, holds[i]) << i
+    is_known = 0
+    for total in range(2 * n_pair - 1 if is_found else 0):
         for i in range(3):
-            j = (i + 1) % 3
-            for rank in range(max(0, total - n_place + 1), min(total, n_place - 1) + 1):
-                if verdict[i, rank] < 0 or verdict[j, total - rank] < 0:
+            if not is_found >> i & 1:
+                continue
+            for rank in range(max(0, total - n_pair + 1), min(total, n_pair - 1) + 1):
+                j, one, two = (i + 1) % 3, order[i, rank], order[(i + 1) % 3, total - rank]
+                if not holds[i, one, two]:
                     continue
-                one, two = order[i, rank], order[j, total - rank]
-                side_node[3 * face + i], side_node[3 * face + j] = one, two
-                offender = try_cut(face, False, hint, posts, n_post, nodes, face_nodes, side_node, terms)[0]
-                side_node[3 * face + i] = side_node[3 * face + j] = NONE
-                hint = offender if offender >= 0 else hint
-                holds = offender == HOLDS
-                for k, at in ((i, rank), (j, total - rank)):
-                    if holds and verdict[k, at] == 0:
-                        twin = np.int64(side_twin[3 * face + k])
-                        side_node[twin] = order[k, at]
-                        n_other = gather_posts(twin // 3, nodes, face_nodes, heights, posts, corner, steps)
-                        offender = try_cut(twin // 3, False, 0, posts, n_other, nodes, face_nodes, side_node, terms)[0]
-                        side_node[twin] = NONE
-                        verdict[k, at] = 1 if offender == HOLDS else -1
-                        gather_posts(face, nodes, face_nodes, heights, posts, corner, steps)
-                    holds = holds and verdict[k, at] > 0
-                if holds:
-                    nodes[node], nodes[node + 1] = nodes[one], nodes[two]
+                fits = True
+                for k, place in ((i, one), (j, two)):
+                    side = np.int64(3 * face + k)
+                    if not is_known >> k & 1:
+                        is_known |= 1 << k
+                        twin = side_twin[side]
+                        if twin == NONE or (face_error[twin // 3] > bound and not settled[slot[twin // 3]]):
+                            across[k, :, 0] = across[k, :, 2] = -np.inf
+                            across[k, :, 1] = across[k, :, 3] = np.inf
+                        else:
+                            _fill_across(side, node, tree, heights, terms, rule, room, across[k])
+                    fits = fits and _fits(places[k, place * PAIR_STEP, HEIGHT], across[k], place * PAIR_STEP)
+                if fits:
+                    nodes[node] = nodes[node + 2 + i * n_pair + one]
+                    nodes[node + 1] = nodes[node + 2 + j * n_pair + two]
                     _break(3 * face + i, node, side_twin, side_node)
                     _break(3 * face + j, node + 1, side_twin, side_node)
                     return i
@@ -186,94 +313,45 @@ def _settle_with_two(face, node, tree, heights, terms, rule, side_state, face_er
 
 
 @njit(nogil=True, cache=True)
-def _settle_with_one(kind, faces, n_node, count, tree, heights, terms, rule, face_error, slot, options, state, room):
-    """Break sides by listed options, each of which settles its face and does to the face across what `kind` says."""
-    nodes, face_nodes, side_twin, side_node = tree
-    n_option, is_stale, settled, broken = state
-    posts, corner, steps, _, _ = room
-    bound, middle, n_place = terms[1], rule[1], rule[2]
-    for k in range(len(faces)):
-        if settled[k] or is_stale[k]:
-            continue
-        last_side, hint, n_post = np.int64(NONE), 0, 0
-        for i in range(n_option[k]):
-            side, place = np.int64(3 * faces[k] + options[k, i] // n_place), options[k, i] % n_place
-            if side_node[side] != NONE:
-                continue
-            twin = np.int64(side_twin[side])
-            other = twin // 3 if twin != NONE else np.int64(NONE)
-            is_over = twin != NONE and face_error[other] > bound and not settled[slot[other]]
-            if is_over != (kind != HOLDING):
-                continue
-            _place(side, _share(place, middle, n_place), n_node + count, nodes, face_nodes, heights)
-            _break(side, n_node + count, side_twin, side_node)
-            if twin != NONE and kind != ANY:
-                if side != last_side:
-                    n_post, hint = gather_posts(other, nodes, face_nodes, heights, posts, corner, steps), 0
-                    last_side = side
-                offender = try_cut(other, False, hint, posts, n_post, nodes, face_nodes, side_node, terms)[0]
-                if offender != HOLDS:
-                    hint = offender if offender >= 0 else hint
-                    _break(side, NONE, side_twin, side_node)
-                    continue
-            broken[count] = side
-            count += 1
-            settled[k] = True
-            if is_over:
-                settled[slot[other]] = kind == BOTH
-                is_stale[slot[other]] = True
-            break
-    return count
-
-
-@njit(nogil=True, cache=True)
 def _settle(
-    faces, n_node, nodes, face_nodes, side_twin, side_node, heights, terms, rule, side_state,
-    face_error, slot, settled, broken, options, significance, n_option, is_stale, posts, corner, steps, gains, order,
+    faces, n_node, nodes, face_nodes, side_twin, side_node, heights, terms, rule, side_state, face_error, slot, settled,
+    broken, is_stale, posts, corner, steps, work, bins, places, across, windows, holds, gains, order,
 ):  # fmt: skip
     """Do what `settle_faces` says, with room for all it needs; return how many sides are broken.
 
-    A face is stale if its options are not known, or if it got a break since.
+    A face is stale if its places are not known, or if it got a break since.
     """
     faces, heights, side_state, face_error = (
         borrowed(faces), borrowed(heights), borrowed(side_state), borrowed(face_error)
     )  # fmt: skip
-    slot, settled, broken = borrowed(slot), borrowed(settled), borrowed(broken)
-    options, significance, n_option, is_stale = (
-        borrowed(options), borrowed(significance), borrowed(n_option), borrowed(is_stale)
-    )  # fmt: skip
+    slot, settled, broken, is_stale = borrowed(slot), borrowed(settled), borrowed(broken), borrowed(is_stale)
     nodes, face_nodes, side_twin, side_node = (
         borrowed(nodes), borrowed(face_nodes), borrowed(side_twin), borrowed(side_node)
     )  # fmt: skip
-    posts, corner, steps = borrowed(posts), borrowed(corner), borrowed(steps)
-    tree, state = (nodes, face_nodes, side_twin, side_node), (n_option, is_stale, settled, broken)
-    room = (posts, corner, steps, borrowed(gains), borrowed(order))
-    n, count = len(faces), 0
-    for turn in range(rule[6]):
+    room = (borrowed(posts), borrowed(corner), borrowed(steps), borrowed(work), borrowed(bins))
+    places, across = borrowed(places), borrowed(across)
+    pair_room = (borrowed(windows), borrowed(holds), borrowed(gains), borrowed(order))
+    tree, state = (nodes, face_nodes, side_twin, side_node), (is_stale, settled, broken)
+    bound, n, count = terms[1], len(faces), 0
+    for turn in range(rule[5]):
         for k in range(n):
             face = np.int64(faces[k])
-            n_option[k] = 0  # those of the turn before failed
-            if settled[k] or not is_stale[k] or face_error[face] > rule[4] * terms[1]:
+            if settled[k] or not is_stale[k] or face_error[face] > rule[3] * bound:
                 continue
-            n_post = gather_posts(face, nodes, face_nodes, heights, posts, corner, steps)
-            if not is_whole(face, side_node):
-                settled[k] = try_cut(face, False, 0, posts, n_post, nodes, face_nodes, side_node, terms)[0] == HOLDS
-            if not settled[k]:
-                n_option[k] = _list_options(
-                    face, n_post, n_node + count, tree, heights, terms, rule, side_state, options[k], significance, room
-                )
-                is_stale[k] = False
+            settled[k] = _fill_places(face, n_node + count, tree, heights, terms, rule, side_state, room, places[k])
+            is_stale[k] = settled[k]
         for kind in (BOTH, HOLDING, ANY):
             count = _settle_with_one(
-                kind, faces, n_node, count, tree, heights, terms, rule, face_error, slot, options, state, room
+                kind, faces, n_node, count, tree, heights, terms, rule, face_error, slot, places, state, room, across[0]
             )
         for k in range(n if turn == 0 else 0):  # later, a face that may be settled has a break
             face = np.int64(faces[k])
-            if settled[k] or face_error[face] > rule[5] * terms[1] or not is_whole(face, side_node):
+            if settled[k] or is_stale[k] or face_error[face] > rule[4] * bound or not is_whole(face, side_node):
                 continue
             first = _settle_with_two(
-                face, n_node + count, tree, heights, terms, rule, side_state, face_error, slot, settled, room
-            )
+                face, n_node + count, tree, heights, terms, rule, face_error, slot, settled, places[k], room, pair_room,
+                across,
+            )  # fmt: skip
             if first == NONE:
                 continue
             settled[k] = True
@@ -294,7 +372,7 @@ def settle_faces(faces, n_node, tree, heights, terms, rule, side_state, face_err
     faces : int32 (n_scan,)
         Faces as they were scanned; some may have breaks.
     n_node : int
-        Nodes so far; `tree` has room for n_place + 3 * (n_scan + n_pair_place) + 2 more.
+        Nodes so far; `tree` has room for 3 * (n_scan + n_place) + 2 more.
     tree : tuple
         `Forest.tree`; gets the nodes, in the order of the sides returned, and the breaks.
     rule : tuple
@@ -309,18 +387,17 @@ def settle_faces(faces, n_node, tree, heights, terms, rule, side_state, face_err
 
     Notes
     -----
-    Source: specs/methods.md M-142. Cost: O(posts of the faces, for each place tried).
+    Source: specs/methods.md M-142. Cost: O(posts of the faces + places tried).
     """
-    n = len(faces)
-    broken, options = np.empty(3 * n, np.int32), np.empty((n, 3 * rule[2]), np.int8)
-    significance, n_option = np.empty(3 * rule[2]), np.zeros(n, np.int8)
-    is_stale = np.ones(n, np.bool_)
+    n, n_place, n_pair = len(faces), rule[2], rule[2] // PAIR_STEP + 1
+    broken, is_stale, places = np.empty(3 * n, np.int32), np.ones(n, np.bool_), np.empty((n, 3, n_place, 6))
     posts, corner, steps = make_room(heights.size)
-    most = max(rule[2], rule[3])
-    gains, order = np.empty((3, most)), np.empty((3, most), np.int64)
+    work, bins, across = np.empty((6, heights.size)), np.empty((n_place + 1, 4)), np.empty((3, n_place, 4))
+    windows, holds = np.empty((n_pair, 4)), np.empty((3, n_pair, n_pair), np.bool_)
+    gains, order = np.empty(n_pair), np.empty((3, n_pair), np.int64)
     nodes, face_nodes, side_twin, side_node, _, _ = tree
     count = _settle(
         faces, n_node, nodes, face_nodes, side_twin, side_node, heights, terms, rule, side_state, face_error, found[0],
-        settled, broken, options, significance, n_option, is_stale, posts, corner, steps, gains, order,
+        settled, broken, is_stale, posts, corner, steps, work, bins, places, across, windows, holds, gains, order,
     )  # fmt: skip
     return broken[:count]

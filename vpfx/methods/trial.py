@@ -59,12 +59,12 @@ class Terms(NamedTuple):
 @njit(nogil=True, cache=True)
 def make_room(n_post):
     """Room to gather up to so many posts."""
-    return np.empty((n_post, 3)), np.empty((3, 3)), np.empty((3, 7))
+    return np.empty((3, n_post)), np.empty((3, 3)), np.empty((3, 7))
 
 
 @njit(nogil=True, cache=True)
 def gather_posts(face, nodes, face_nodes, heights, posts, corner, steps):
-    """Put column, row and height of all valid posts of a face into posts, and return how many they are."""
+    """Put column, row and height (NaN for voids) of all posts of a face into posts, (3, n), and return how many they are."""
     n_row, n_col = heights.shape
     for i in range(3):
         for j in range(3):
@@ -74,9 +74,11 @@ def gather_posts(face, nodes, face_nodes, heights, posts, corner, steps):
     n = 0
     for row in range(south, top + 1):
         first, last = columns_of(corner, steps, row, n_col)
+        u, v = float(first), float(row)
         for col in range(first, last + 1):
-            posts[n, 0], posts[n, 1], posts[n, 2] = col, row, heights[row, col]
-            n += not np.isnan(heights[row, col])
+            posts[0, n], posts[1, n], posts[2, n] = u, v, heights[row, col]
+            u += 1.0
+            n += 1
     return n
 
 
@@ -119,7 +121,7 @@ def _try_none(a, b, c, hint, posts, n_post, nodes, bound):
     plane = _plane_of(nodes, a, b, c)
     for k in range(-1 if n_post else 0, n_post):
         at = hint if k < 0 else k
-        if abs(_at(plane, posts[at, 0], posts[at, 1]) - posts[at, 2]) > bound:
+        if abs(_at(plane, posts[0, at], posts[1, at]) - posts[2, at]) > bound:
             return at
     return HOLDS
 
@@ -132,9 +134,9 @@ def _try_one(a, b, c, m, hint, posts, n_post, nodes, aspect, bound, most):
     line, plane_a, plane_b = _line_of(nodes, m, c), _plane_of(nodes, a, m, c), _plane_of(nodes, m, b, c)
     for k in range(-1 if n_post else 0, n_post):
         at = hint if k < 0 else k
-        u, v = posts[at, 0], posts[at, 1]
+        u, v = posts[0, at], posts[1, at]
         height = _at(plane_a, u, v) if _at(line, u, v) > 0.0 else _at(plane_b, u, v)
-        if abs(height - posts[at, 2]) > bound:
+        if abs(height - posts[2, at]) > bound:
             return at
     return HOLDS
 
@@ -152,12 +154,12 @@ def _try_two(a, b, c, m, o, flip, hint, posts, n_post, nodes, aspect, bound, mos
     plane_left = _plane_of(nodes, start, end, left)
     for k in range(-1 if n_post else 0, n_post):
         at = hint if k < 0 else k
-        u, v = posts[at, 0], posts[at, 1]
+        u, v = posts[0, at], posts[1, at]
         if _at(line, u, v) < 0.0:
             height = _at(plane_b, u, v)
         else:
             height = _at(plane_left, u, v) if _at(diagonal, u, v) > 0.0 else _at(plane_right, u, v)
-        if abs(height - posts[at, 2]) > bound:
+        if abs(height - posts[2, at]) > bound:
             return at
     return HOLDS
 
@@ -174,14 +176,14 @@ def _try_three(a, b, c, m, o, p, hint, posts, n_post, nodes, aspect, bound, most
     middle = _plane_of(nodes, m, o, p)
     for k in range(-1 if n_post else 0, n_post):
         at = hint if k < 0 else k
-        u, v = posts[at, 0], posts[at, 1]
+        u, v = posts[0, at], posts[1, at]
         if _at(line_a, u, v) < 0.0:
             height = _at(plane_a, u, v)
         elif _at(line_b, u, v) < 0.0:
             height = _at(plane_b, u, v)
         else:
             height = _at(plane_c, u, v) if _at(line_c, u, v) < 0.0 else _at(middle, u, v)
-        if abs(height - posts[at, 2]) > bound:
+        if abs(height - posts[2, at]) > bound:
             return at
     return HOLDS
 

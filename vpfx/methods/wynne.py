@@ -44,8 +44,9 @@ MIDDLE = 0.4  # a break keeps this share of the edge from both its ends
 N_PLACE = 13  # places looked at there
 WANTED = 0.5  # a face over the bound wants edges broken by posts that are off by more than this share of the bound
 BAND = ScanRule(band=0.45, end_share=0.15, inner_share=1.0, inner_away=0.0)  # rule 4 is never wanted
-SETTLE = SettleRule(guard=0.5, middle=0.3, n_place=11, n_pair_place=5, reach=3.0, pair_reach=3.0, rounds=2)
+SETTLE = SettleRule(guard=0.5, middle=0.3, n_place=13, reach=4.0, pair_reach=3.0, rounds=2)
 MOST_THIN = 17.0  # settling and undoing leave no child with a greater thinness ...
+COARSE_THIN = 15.0  # ... at levels before the last: those after them start from their faces ...
 DECAY = 1.25  # ... unless that of the face times this is greater still
 BOUND_SLACK = 1e-6  # the builder works to the bound less this share, so that rounding never shows a post over it
 SWEEPS = 2  # through the cuts of a level, to undo needless breaks
@@ -81,13 +82,14 @@ class _Mesh:
         self.leaves = np.arange(self.forest.n_face, dtype=np.int32)
         self.residual = np.full(patch.heights.shape, np.nan)
         self.diagonal = DIAGONALS[options["diagonal"]]
+        self.most_thin = MOST_THIN
         self.least_bound = 16.0 * float(np.spacing(np.fmax.reduce(np.abs(patch.heights), axis=None, initial=0.0)))
         most = max(len(border.rank) for border in patch.borders)
         self.ranks = np.stack([np.pad(b.rank, (0, most - len(b.rank))) for b in patch.borders])
 
     def terms(self, bound: float) -> tuple[Any, ...]:
         """What cuts have to keep, as kernels take it."""
-        return tuple(Terms(self.patch.aspect, bound, MOST_THIN, DECAY, self.diagonal, self.patch.seed))
+        return tuple(Terms(self.patch.aspect, bound, self.most_thin, DECAY, self.diagonal, self.patch.seed))
 
     def scan(self, faces: Faces, threshold: float, rule: ScanRule) -> Candidates:
         """Compare faces with their posts."""
@@ -118,7 +120,7 @@ class _Mesh:
         """Break sides that settle faces; return them, their nodes being the last ones, and which faces are settled."""
         forest = self.forest
         settled = forest.face_error[faces] <= bound
-        forest.reserve_nodes(3 * (len(faces) + SETTLE.n_pair_place) + SETTLE.n_place + 2)
+        forest.reserve_nodes(3 * (len(faces) + SETTLE.n_place) + 2)
         broken: Faces = settle_faces(
             faces, forest.n_node, forest.tree, self.patch.heights, self.terms(bound), tuple(SETTLE), forest.side_state,
             forest.face_error, tuple(found), settled,
@@ -295,6 +297,7 @@ def build(patch: Patch, options: Mapping[str, Any]) -> Hierarchy:
     faces, links, filled, measures = [], [], [], []
     for level, rule in enumerate(rules):
         if rule is not None and rule.repeats:
+            mesh.most_thin = MOST_THIN if level == len(rules) - 1 else COARSE_THIN
             _reach_bound(mesh, level, _checked_bounds(options)[level])
         elif rule is not None:
             _one_pass(mesh, level, options)
