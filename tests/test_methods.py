@@ -12,6 +12,7 @@ from surfaces import NO_GROUND, SOLID, SURFACES, VOIDS, bounds_of, noise, relief
 
 from vpfx.errors import InputError, UnknownNameError, VpfxError
 from vpfx.methods import METHODS
+from vpfx.methods.wynne import FITS
 from vpfx.model import Grid
 from vpfx.pipeline import build_hierarchy
 
@@ -57,11 +58,12 @@ def plan_area(h, level, grid):
 
 
 @pytest.mark.parametrize("surface", SURFACES)
+@pytest.mark.parametrize("fit", [None, *FITS])
 @pytest.mark.parametrize("method", BOUNDED)
-def test_bounded_levels_hold_their_bounds(method, surface):
+def test_bounded_levels_hold_their_bounds(method, fit, surface):
     grid = SURFACES[surface]
     bounds = bounds_of(grid)
-    figures = judge_hierarchy(build_hierarchy(grid, method=method, max_error=bounds), grid)
+    figures = judge_hierarchy(build_hierarchy(grid, method=method, max_error=bounds, fit=fit), grid)
     assert [f.bound for f in figures] == list(bounds)
     assert [f.n_face for f in figures] == sorted(f.n_face for f in figures)
 
@@ -108,7 +110,9 @@ def test_nothing_is_flagged_without_fill(surface):
 def test_same_input_gives_same_bytes(surface):
     grid = SURFACES[surface]
     copy = dataclasses.replace(grid, heights=grid.heights.copy(order="F"))
-    for options in ({"max_error": bounds_of(grid)}, {"passes": 3, "diagonal": "random"}, {"passes": 1, "fill": True}):
+    bounds = {"max_error": bounds_of(grid)}
+    fitted = {**bounds, "fit": "max-error"}
+    for options in (bounds, fitted, {"passes": 3, "diagonal": "random"}, {"passes": 1, "fill": True}):
         one, other = build_hierarchy(grid, seed=7, **options), build_hierarchy(copy, seed=7, **options)
         assert arrays_of(one) == arrays_of(other)
 
@@ -273,6 +277,8 @@ REFUSED = {
     "negative ratio": {"passes": 1, "xy_ratio": -0.1},
     "ratio of a half": {"passes": 1, "xy_ratio": 0.5},
     "unknown diagonal": {"passes": 1, "diagonal": "longer"},
+    "unknown fit": {"max_error": (5.0,), "fit": "median"},
+    "fit without a bound": {"passes": 1, "fit": "max-error"},
     "unknown start": {"passes": 1, "start": "octree"},
     "unknown option": {"passes": 1, "max_errors": (5.0,)},
 }

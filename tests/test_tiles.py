@@ -29,6 +29,7 @@ STEP = 1 / 3600
 ROWS = ("level", "tile", "tile_level", "node", "edge", "face", "parent_child")
 MODES = {
     "bounded": {"max_error": (40.0, 15.0)},
+    "fitted": {"max_error": (40.0, 15.0), "fit": "max-error"},
     "passes": {"passes": 2, "tolerance": 2.0, "grid": (2, 1)},
     "delaunay": {"passes": 1, "start": "delaunay", "start_posts": 10, "diagonal": "random"},
 }

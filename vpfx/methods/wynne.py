@@ -22,6 +22,7 @@ from vpfx.errors import InputError, InvariantError
 from vpfx.methods import breaks
 from vpfx.methods.base import Method, Patch
 from vpfx.methods.borders import LevelRule
+from vpfx.methods.fit import fit_heights
 from vpfx.methods.forest import Forest
 from vpfx.methods.scan import Candidates, ScanRule, candidates, measure, scan_faces
 from vpfx.methods.settle import SettleRule, settle_faces
@@ -50,6 +51,8 @@ COARSE_THIN = 15.0  # ... at levels before the last: those after them start from
 DECAY = 1.25  # ... unless that of the face times this is greater still
 BOUND_SLACK = 1e-6  # the builder works to the bound less this share, so that rounding never shows a post over it
 SWEEPS = 2  # through the cuts of a level, to undo needless breaks
+STAGES = (1.35, 1.15, 1.05, 1.0, 1.0)  # bounds, of that of the level, that are reached one after the other with --fit
+FIT_SHARE = 0.98  # of the bound: a fitted node keeps so near to the posts' surface
 MOST_LEVELS = 32
 MOST_PASSES = 1000  # a level takes 10 to 40; more is a bug
 
@@ -57,6 +60,7 @@ DIAGONALS = {"shorter": 0, "random": 1, "least-error": 2}
 DEFAULTS: dict[str, Any] = {
     "max_error": None,
     "passes": None,
+    "fit": None,
     "grid": None,
     "tolerance": 0.0,
     "xy_tolerance": 0.0,
@@ -65,6 +69,7 @@ DEFAULTS: dict[str, Any] = {
     "start": "grid",
     "start_posts": 200,
 }
+FITS = ("max-error",)
 PASS_OPTIONS = ("tolerance", "xy_tolerance", "xy_ratio")
 SQUARE = 72  # posts to a side of a start square if nothing is asked; as many in all where posts are not square
 
@@ -82,7 +87,7 @@ class _Mesh:
         self.leaves = np.arange(self.forest.n_face, dtype=np.int32)
         self.residual = np.full(patch.heights.shape, np.nan)
         self.diagonal = DIAGONALS[options["diagonal"]]
-        self.most_thin = MOST_THIN
+        self.most_thin, self.is_fitted = MOST_THIN, False
         self.least_bound = 16.0 * float(np.spacing(np.fmax.reduce(np.abs(patch.heights), axis=None, initial=0.0)))
         most = max(len(border.rank) for border in patch.borders)
         self.ranks = np.stack([np.pad(b.rank, (0, most - len(b.rank))) for b in patch.borders])
@@ -143,6 +148,20 @@ class _Mesh:
         )
         return to_cut, forest.cut(to_cut, inner_node, is_flipped)
 
+    def fit(self, faces: Faces, first_node: int, bound: float) -> None:
+        """Fit the heights of nodes to the posts of some leaves: those from the first one on that are on no fixed border."""
+        forest = self.forest
+        is_free = np.zeros(forest.n_node, bool)
+        is_free[forest.face_nodes[faces]] = True
+        is_free[:first_node] = False
+        last = np.array(self.patch.heights.shape) - 1
+        for i, border in enumerate(self.patch.borders):  # south, east, north, west
+            if border.is_fixed:
+                line = (0, last[1], last[0], 0)[i]
+                is_free &= forest.nodes[: forest.n_node, 1 - i % 2] != line
+        forest.face_error[: forest.n_face] = np.inf
+        fit_heights(faces, forest.nodes, forest.face_nodes, self.patch.heights, is_free, bound, FIT_SHARE * bound)
+
     def undo(self, faces: Faces, bound: float) -> None:
         """Undo what turned out needless of the cuts of some faces, in this order."""
         forest = self.forest
@@ -158,16 +177,33 @@ def _reach_bound(mesh: _Mesh, level: int, bound: float) -> None:
         raise too_small
     bound *= 1.0 - BOUND_SLACK
     try:
-        mesh.undo(_cut_to_bound(mesh, level, bound)[::-1], bound)
+        if mesh.is_fitted:
+            _fit_to_bound(mesh, level, bound)
+        else:
+            mesh.undo(_cut_to_bound(mesh, mesh.leaves, level, bound)[::-1], bound)
     except ZeroDivisionError:  # of a kernel, by the area or the length of nothing
         raise too_small from None
 
 
-def _cut_to_bound(mesh: _Mesh, level: int, bound: float) -> Faces:
-    """Cut as `_reach_bound` says and return the faces cut, the first ones first."""
+def _fit_to_bound(mesh: _Mesh, level: int, bound: float) -> None:
+    """Cut and undo to smaller and smaller bounds, and in between fit the heights of the nodes new at this level."""
+    forest = mesh.forest
+    first_node = forest.n_node if level else 0
+    was_leaf = forest.is_leaf(np.arange(forest.n_face))
+    for share, following in pairwise((*STAGES, 0.0)):
+        _cut_to_bound(mesh, forest.leaves(mesh.leaves)[0], level, share * bound)
+        is_cut = ~forest.is_leaf(np.arange(forest.n_face))
+        is_cut[: len(was_leaf)] &= was_leaf
+        mesh.undo(np.flatnonzero(is_cut)[::-1].astype(np.int32), share * bound)
+        if following:
+            mesh.fit(forest.leaves(mesh.leaves)[0], first_node, bound)
+
+
+def _cut_to_bound(mesh: _Mesh, faces: Faces, level: int, bound: float) -> Faces:
+    """Cut leaves as `_reach_bound` says and return the faces cut, the first ones first."""
     forest, patch = mesh.forest, mesh.patch
     faces_cut: list[Faces] = []
-    over, new = mesh.leaves[forest.face_error[mesh.leaves] > bound], mesh.leaves
+    over, new = faces[forest.face_error[faces] > bound], faces
     for _ in range(MOST_PASSES):
         found = mesh.scan(over, WANTED * bound, BAND)
         forced, places = mesh.break_borders(new, level)
@@ -220,6 +256,8 @@ def checked(options: Mapping[str, Any]) -> dict[str, Any]:
         found[name] = number(options[name], f"wynne: {name}", 0, 0.5 if name == "xy_ratio" else np.inf)
     if options["diagonal"] not in [*DIAGONALS]:
         raise InputError(f"wynne: found diagonal {options['diagonal']!r}, expected one of: {', '.join(DIAGONALS)}")
+    if options["fit"] not in (None, *FITS):
+        raise InputError(f"wynne: found fit {options['fit']!r}, expected one of: {', '.join(FITS)}")
     if options["start"] not in ("grid", "delaunay"):
         raise InputError(f"wynne: found start {options['start']!r}, expected grid or delaunay")
     if options["grid"] is not None:
@@ -242,6 +280,8 @@ def levels(options: Mapping[str, Any]) -> list[LevelRule | None]:
         raise InputError("wynne: found neither or both of max_error and passes, expected one of them")
     if options["passes"] is None and any(options[name] != DEFAULTS[name] for name in PASS_OPTIONS):
         raise InputError("wynne: found a tolerance of pass mode without passes, expected both or none")
+    if options["max_error"] is None and options["fit"] is not None:
+        raise InputError("wynne: found fit without max_error, expected both or none")
     if options["max_error"] is not None:
         return [LevelRule(bound * (1.0 - BOUND_SLACK), MIDDLE, 0.0, 0.0, True) for bound in _checked_bounds(options)]
     tolerance, away, share = (options[name] for name in PASS_OPTIONS)
@@ -297,7 +337,8 @@ def build(patch: Patch, options: Mapping[str, Any]) -> Hierarchy:
     faces, links, filled, measures = [], [], [], []
     for level, rule in enumerate(rules):
         if rule is not None and rule.repeats:
-            mesh.most_thin = MOST_THIN if level == len(rules) - 1 else COARSE_THIN
+            is_last = level == len(rules) - 1
+            mesh.most_thin, mesh.is_fitted = MOST_THIN if is_last else COARSE_THIN, is_last and options["fit"] is not None
             _reach_bound(mesh, level, _checked_bounds(options)[level])
         elif rule is not None:
             _one_pass(mesh, level, options)
