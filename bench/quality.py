@@ -2,14 +2,18 @@
 
 All meshers get the same posts in the same run, and one judge, written here and sharing nothing with the builder,
 compares every mesh with every post. "vpfx single" is one level built for that bound alone, "vpfx ladder" the level of a
-hierarchy of all bounds. pymartini takes squares of 2^n + 1 posts only, so it has a table of its own, over the largest
-such square in the south-west; it is asked for whatever keeps the bound at the posts. Lengths are in metres.
+hierarchy of all bounds, "vpfx fitted" one level with heights fitted within the bound (--fit). pymartini takes squares
+of 2^n + 1 posts only, so it has a table of its own, over the largest such square in the south-west; it is asked for
+whatever keeps the bound at the posts. Lengths are in metres.
 
 Columns: triangles and their ratio to greedy Delaunay insertion (pydelatin); nodes in percent of the posts; greatest
 error at the posts (* = over the bound, or faces that do not cover the extent exactly once); mean perimeter²/area; 5th
 percentile of the smallest angle, degrees; greatest degree; ratio and mean perimeter²/area of the prototype (design.md
 §5, "band"), with "< prototype" where "vpfx single" is not at least as good. Exit code 1 if a mesh does not hold its
 bound.
+
+A last table tells what the better mesh costs: processor seconds of all levels, the least of some runs in turn, against
+the same rules and guard without settling and undoing ("plain"), over the whole DEM and its south-western quarter.
 
 Example: ``python bench/quality.py --dem hills.tif --bounds 40,20,10 --json``
 """
@@ -19,6 +23,7 @@ from __future__ import annotations
 import argparse
 import json
 import sys
+import time
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -56,6 +61,9 @@ ROUNDING = float(np.finfo(np.float32).eps)
 """pydelatin works in single precision: its bound counts as held to this share of the greatest height."""
 
 GREEDY, RTIN, SINGLE, LADDER = "pydelatin", "pymartini", "vpfx single", "vpfx ladder"
+FITTED = "vpfx fitted"
+RUNS = 5
+"""Runs of each mesh that is timed."""
 
 Floats = NDArray[np.float64]
 Line = dict[str, Any]
@@ -110,10 +118,10 @@ def mesh_rtin(tile: Any, heights: Floats, asked: float) -> Mesh:
     return mesh_of_posts(col, row, triangles, heights)
 
 
-def mesh_vpfx(grid: Grid, bounds: Sequence[float]) -> list[Mesh]:
+def mesh_vpfx(grid: Grid, bounds: Sequence[float], fit: str | None = None) -> list[Mesh]:
     from vpfx.pipeline import build_hierarchy  # late: it loads numba, which build.py's memory figures must not see
 
-    hierarchy = build_hierarchy(grid, max_error=tuple(bounds))
+    hierarchy = build_hierarchy(grid, max_error=tuple(bounds), fit=fit)
     return [mesh_of_tin(hierarchy.tin(level), grid) for level in range(len(bounds))]
 
 
@@ -218,7 +226,34 @@ def compare(case: Case) -> list[Line]:
             ratio, shape = single["prototype"] = PROTOTYPE[case.name][bound]
             is_fewer = round(single["ratio"], 2) <= ratio  # compared as they are given, rounded
             single["is_as_good"] = is_fewer and round(single["perimeter2_per_area"], 1) <= shape
+        fitted = mesh_vpfx(case.grid, [bound], "max-error")[0]
         lines += [single, make_line(LADDER, level, case.grid, bound, n_greedy)]
+        lines.append(make_line(FITTED, fitted, case.grid, bound, n_greedy))
+    return lines
+
+
+def south_west(grid: Grid, n_row: int, n_col: int) -> Grid:
+    return Grid(grid.heights[:n_row, :n_col], grid.x0, grid.y0, grid.dx, grid.dy, grid.crs, grid.post_metres)
+
+
+def costs(case: Case) -> list[Line]:
+    """Processor seconds of all levels, better and plain, over a quarter of the DEM and the whole."""
+    from vpfx.methods import wynne
+
+    better = wynne.SETTLE, wynne.SWEEPS
+    rules = {"better": better, "plain": (wynne.SETTLE._replace(rounds=0), 0)}
+    n_row, n_col = case.grid.heights.shape
+    lines = []
+    for grid in (south_west(case.grid, n_row // 2 + 1, n_col // 2 + 1), case.grid):
+        line: Line = {"posts": grid.heights.size, **dict.fromkeys(rules, np.inf)}
+        for name in [*rules] * RUNS:
+            wynne.SETTLE, wynne.SWEEPS = rules[name]
+            start = time.process_time()
+            mesh = mesh_vpfx(grid, case.bounds)[-1]
+            line[name] = min(line[name], time.process_time() - start)
+            line[f"{name}_faces"] = len(mesh.face_nodes)
+        lines.append({**line, "ratio": line["better"] / line["plain"]})
+    wynne.SETTLE, wynne.SWEEPS = better
     return lines
 
 
@@ -230,7 +265,7 @@ def rtin_size(shape: Sequence[int]) -> int:
 def compare_rtin(case: Case) -> list[Line]:
     """Lines of pymartini, greedy and single for every bound, on the largest square of 2^n + 1 posts."""
     grid, size = case.grid, rtin_size(case.grid.heights.shape)
-    window = Grid(grid.heights[:size, :size], grid.x0, grid.y0, grid.dx, grid.dy, grid.crs, grid.post_metres)
+    window = south_west(grid, size, size)
     tile = Martini(size).create_tile(window.heights.astype(np.float32))
     lines = []
     for bound in case.bounds:
@@ -297,6 +332,15 @@ def lines_text(lines: Sequence[Line]) -> str:
     return table_text(rows, left=(1, 9))
 
 
+def costs_text(lines: Sequence[Line]) -> str:
+    rows = [["posts", "seconds", "faces", "plain seconds", "plain faces", "ratio"]]
+    for line in lines:
+        faces = f"{line['better_faces']}", f"{line['plain_faces']}"
+        seconds = f"{line['better']:.2f}", f"{line['plain']:.2f}"
+        rows.append([f"{line['posts']}", seconds[0], faces[0], seconds[1], faces[1], f"{line['ratio']:.2f}"])
+    return table_text(rows, left=())
+
+
 def jacksboro() -> Grid:
     """Return the first 257 rows and columns of matplotlib's sample DEM, row 0 to the north, posts 1 × 1 apart."""
     from matplotlib.cbook import get_sample_data
@@ -342,11 +386,20 @@ def main() -> None:
             print(f"{case.name}: left out: it has voids, which the peers do not know", file=sys.stderr)
             continue
         shape = list(case.grid.heights.shape)
-        results.append({"case": case.name, "posts": shape, "lines": compare(case), "rtin_lines": compare_rtin(case)})
+        results.append(
+            {
+                "case": case.name,
+                "posts": shape,
+                "lines": compare(case),
+                "rtin_lines": compare_rtin(case),
+                "costs": costs(case),
+            }
+        )
         if not options.json:
             print(f"{case.name}, {shape[0]} × {shape[1]} posts\n{lines_text(results[-1]['lines'])}\n")
             part = f"south-western {rtin_size(shape)} × {rtin_size(shape)} posts"
-            print(f"{case.name}, {part}\n{lines_text(results[-1]['rtin_lines'])}\n", flush=True)
+            print(f"{case.name}, {part}\n{lines_text(results[-1]['rtin_lines'])}\n")
+            print(f"{case.name}, cost of all levels\n{costs_text(results[-1]['costs'])}\n", flush=True)
     if options.json:
         print(json.dumps(results, indent=2))
     sys.exit(not all(line["is_held"] for r in results for line in (*r["lines"], *r["rtin_lines"])))

@@ -20,22 +20,23 @@ def level_rows(path):
     return query(path, "SELECT * FROM level ORDER BY level")
 
 
-@pytest.mark.parametrize("tile_size", [100, 20])
-def test_budgets_of_faces(tile_size, tmp_path):
+@pytest.mark.parametrize(("tile_size", "fit"), [(100, None), (20, None), (100, "max-error")])
+def test_budgets_of_faces(tile_size, fit, tmp_path):
     grid = read_grid(CELL)
     dem = write_dem(tmp_path / "nm.tif", grid.heights[:41, :51])
     budgets = (100, 400)
-    report = build(dem, tmp_path / "a.gpkg", max_faces=budgets, tile_size=tile_size)
+    report = build(dem, tmp_path / "a.gpkg", max_faces=budgets, tile_size=tile_size, fit=fit)
     judge_store(tmp_path / "a.gpkg", dem)
     bounds = [line.max_error_bound for line in report.levels]
     assert [row[1] for row in level_rows(tmp_path / "a.gpkg")] == bounds
     assert all(line.faces <= budget for line, budget in zip(report.levels, budgets, strict=True))
-    build(dem, tmp_path / "b.gpkg", max_error=bounds, tile_size=tile_size)
+    build(dem, tmp_path / "b.gpkg", max_error=bounds, tile_size=tile_size, fit=fit)
     assert level_rows(tmp_path / "a.gpkg") == level_rows(tmp_path / "b.gpkg")
     for level, budget in enumerate(budgets):
-        tighter = [*bounds[:level], 0.98 * bounds[level]]
-        faces = build(dem, tmp_path / f"{level}.gpkg", max_error=tighter, tile_size=tile_size).levels[-1].faces
-        assert faces > budget, f"level {level}: {faces} faces hold {tighter[-1]} m, found {bounds[level]} m"
+        tighter = [*bounds[:level], 0.98 * bounds[level], *bounds[level + 1 :]]
+        report = build(dem, tmp_path / f"{level}.gpkg", max_error=tighter, tile_size=tile_size, fit=fit)
+        faces = report.levels[level].faces
+        assert faces > budget, f"level {level}: {faces} faces hold {tighter[level]} m, found {bounds[level]} m"
 
 
 REFUSED = [

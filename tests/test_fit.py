@@ -14,7 +14,7 @@ from vpfx.model import Grid
 from vpfx.pipeline import build_hierarchy
 
 NEW_MEXICO = Path(__file__).resolve().parents[1] / "fixtures/dem/new_mexico_cell_5min_1arcsec.tif"
-# A square of posts, cut in four round a node off the posts; every post but the corners lies inside one face or on a side of two.
+# A square of posts, cut in four round a node off the posts.
 NODES = np.array([[0.0, 0, 0], [12, 0, 0], [12, 12, 0], [0, 12, 0], [5.25, 6.5, 0]])
 FACES = np.array([[0, 1, 4], [1, 2, 4], [2, 3, 4], [3, 0, 4]], np.int32)
 

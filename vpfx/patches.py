@@ -115,12 +115,15 @@ class PatchReader:
         Whether ground without data is covered too.
     seed : int
         Start of all random choices.
+    has_more : bool
+        As in `Patch`.
     """
 
     def __init__(
-        self, dem: Posts, tiling: Tiling, method: Method, options: Mapping[str, Any], fill: bool = False, seed: int = 0
-    ) -> None:
-        self._dem, self._tiling, self._seed = dem, tiling, seed
+        self, dem: Posts, tiling: Tiling, method: Method, options: Mapping[str, Any], fill: bool = False, seed: int = 0,
+        has_more: bool = False,
+    ) -> None:  # fmt: skip
+        self._dem, self._tiling, self._seed, self._has_more = dem, tiling, seed, has_more
         self._rules = method.levels(options)
         width, height = dem.post_metres(0, dem.n_row, 0, dem.n_col)
         self._aspect = width / height
@@ -153,6 +156,7 @@ class PatchReader:
             keeps_voids=self._fill,
             seed=self._seed * self._tiling.n_tile + tile.number,
             n_square=self._method.squares(self._options, len(heights), heights.shape[1], self._aspect),
+            has_more=self._has_more,
         )
 
     def _count(

@@ -240,10 +240,10 @@ def _fit_budget(
 ) -> list[float]:  # fmt: skip
     """Smallest bound of each level that needs no more faces than its budget, level by level from the coarsest."""
 
-    def n_face(bounds: list[float]) -> int:
+    def n_face(bounds: list[float], has_more: bool) -> int:
         chosen = {**options, "max_error": bounds}
         tiling = Tiling(dem.n_row, dem.n_col, tile_size, len(bounds))
-        reader = PatchReader(dem, tiling, method, chosen, fill, seed)
+        reader = PatchReader(dem, tiling, method, chosen, fill, seed, has_more)
         count = sum(h.tin(len(bounds) - 1).n_face for _, _, h in _built(reader, tiling, method, chosen, n_worker))
         _check_ground(reader.ground, fill)
         return count
@@ -251,14 +251,15 @@ def _fit_budget(
     bounds: list[float] = []
     for budget in budgets:
         coarse, fine = (bounds[-1] if bounds else MOST_BOUND), LEAST_BOUND
-        least = n_face(bounds or [coarse])
+        has_more = budget != budgets[-1]
+        least = n_face(bounds, True) if bounds else n_face([coarse], has_more)
         if least > budget:
             raise InputError(
                 f"max_faces: found a budget of {budget}, expected at least {least}, the start grid; use --grid"
             )
         while coarse > fine * (1.0 + BUDGET_SHARE):
             middle = (coarse * fine) ** 0.5
-            coarse, fine = (middle, fine) if n_face([*bounds, middle]) <= budget else (coarse, middle)
+            coarse, fine = (middle, fine) if n_face([*bounds, middle], has_more) <= budget else (coarse, middle)
         if bounds and coarse == bounds[-1]:
             raise InputError(
                 f"max_faces: found a budget of {budget}, which no bound below {coarse:g} m fits; leave it out"

@@ -61,6 +61,8 @@ class Patch:
         Start of the random choices of this patch.
     n_square : tuple of int
         Rows and columns of squares of the start grid.
+    has_more : bool
+        Whether finer levels than those asked for will follow: while bounds are looked for, level by level.
     """
 
     heights: NDArray[np.float64]
@@ -71,6 +73,7 @@ class Patch:
     keeps_voids: bool = False
     seed: int = 0
     n_square: tuple[int, int] = (1, 1)
+    has_more: bool = False
 
     @property
     def aspect(self) -> float:

@@ -17,8 +17,8 @@ from numba import njit
 from vpfx.methods.borrow import borrowed
 from vpfx.methods.breaks import OPEN, is_guarded, place_on_side
 from vpfx.methods.cut import is_whole
+from vpfx.methods.leeway import find_leeways, share_of
 from vpfx.methods.trial import HOLDS, gather_posts, make_room, thinness, try_cut
-from vpfx.methods.window import find_windows, share_of
 from vpfx.topology import NONE
 
 __all__ = ["SettleRule", "settle_faces"]
@@ -90,15 +90,15 @@ def _most_thin(face, nodes, face_nodes, terms):
 
 
 @njit(nogil=True, cache=True, inline="always")
-def _fits(height, windows, place):
+def _fits(height, leeways, place):
     """Tell whether a node at a place lets the faces on both sides of it hold."""
-    is_left = windows[place, LEFT_LOW] <= height <= windows[place, LEFT_HIGH]
-    return is_left and windows[place, RIGHT_LOW] <= height <= windows[place, RIGHT_HIGH]
+    is_left = leeways[place, LEFT_LOW] <= height <= leeways[place, LEFT_HIGH]
+    return is_left and leeways[place, RIGHT_LOW] <= height <= leeways[place, RIGHT_HIGH]
 
 
 @njit(nogil=True, cache=True)
-def _fill_windows(side, n_post, node, tree, heights, terms, rule, room, windows):
-    """Fill windows (n_place, ≥ 4) for the places of a side, the posts of its face being gathered.
+def _fill_leeways(side, n_post, node, tree, heights, terms, rule, room, leeways):
+    """Fill leeways (n_place, ≥ 4) for the places of a side, the posts of its face being gathered.
 
     In a face with breaks only a node on the posts' surface fits, and only every PAIR_STEP-th place is looked at.
     """
@@ -108,28 +108,28 @@ def _fill_windows(side, n_post, node, tree, heights, terms, rule, room, windows)
     if is_whole(face, side_node):
         a, b, c = face_nodes[face, i], face_nodes[face, (i + 1) % 3], face_nodes[face, (i + 2) % 3]
         most = _most_thin(face, nodes, face_nodes, terms)
-        find_windows(a, b, c, posts, n_post, nodes, terms[0], terms[1], most, middle, n_place, work, bins, windows)
+        find_leeways(a, b, c, posts, n_post, nodes, terms[0], terms[1], most, middle, n_place, work, bins, leeways)
         return
     hint = 0
     side_node[side] = node
-    windows[:, LEFT_LOW], windows[:, RIGHT_LOW] = np.inf, np.inf
+    leeways[:, LEFT_LOW], leeways[:, RIGHT_LOW] = np.inf, np.inf
     for place in range(0, n_place, PAIR_STEP):
         _put(side, share_of(place, middle, n_place), node, nodes, face_nodes, heights)
         found = try_cut(face, False, hint, posts, n_post, nodes, face_nodes, side_node, terms)[0]
         hint = found if found >= 0 else hint
-        windows[place, LEFT_LOW] = windows[place, RIGHT_LOW] = nodes[node, 2] if found == HOLDS else np.inf
-        windows[place, LEFT_HIGH] = windows[place, RIGHT_HIGH] = nodes[node, 2]
+        leeways[place, LEFT_LOW] = leeways[place, RIGHT_LOW] = nodes[node, 2] if found == HOLDS else np.inf
+        leeways[place, LEFT_HIGH] = leeways[place, RIGHT_HIGH] = nodes[node, 2]
     side_node[side] = NONE
 
 
 @njit(nogil=True, cache=True)
 def _fill_across(side, node, tree, heights, terms, rule, room, across):
-    """Fill across (n_place, 4) with the windows of the face across a side, at the places of the side."""
+    """Fill across (n_place, 4) with the leeways of the face across a side, at the places of the side."""
     nodes, face_nodes, side_twin, _ = tree
     posts, corner, steps, _, _ = room
     twin, n_place = np.int64(side_twin[side]), rule[2]
     n_post = gather_posts(twin // 3, nodes, face_nodes, heights, posts, corner, steps)
-    _fill_windows(twin, n_post, node, tree, heights, terms, rule, room, across)
+    _fill_leeways(twin, n_post, node, tree, heights, terms, rule, room, across)
     for place in range(n_place // 2):
         for j in range(4):
             across[place, j], across[n_place - 1 - place, j] = across[n_place - 1 - place, j], across[place, j]
@@ -142,21 +142,20 @@ def _fill_places(face, node, tree, heights, terms, rule, side_state, room, place
     posts, corner, steps, _, _ = room
     middle, n_place = rule[1], rule[2]
     n_post = gather_posts(face, nodes, face_nodes, heights, posts, corner, steps)
-    if not is_whole(face, side_node):
-        if try_cut(face, False, 0, posts, n_post, nodes, face_nodes, side_node, terms)[0] == HOLDS:
-            return True
+    is_broken = not is_whole(face, side_node)
+    if is_broken and try_cut(face, False, 0, posts, n_post, nodes, face_nodes, side_node, terms)[0] == HOLDS:
+        return True
     for i in range(3):
         side = 3 * face + i
         if not _may_break(side, tree, terms[0], rule[0], side_state):
             places[i, :, LEFT_LOW] = places[i, :, RIGHT_LOW] = np.inf
             places[i, :, HEIGHT], places[i, :, GAIN] = np.nan, 0.0
             continue
-        _fill_windows(side, n_post, node, tree, heights, terms, rule, room, places[i])
+        _fill_leeways(side, n_post, node, tree, heights, terms, rule, room, places[i])
         for place in range(n_place):
-            if (
-                places[i, place, LEFT_LOW] <= places[i, place, LEFT_HIGH]
-                or places[i, place, RIGHT_LOW] <= places[i, place, RIGHT_HIGH]
-            ):
+            is_left = places[i, place, LEFT_LOW] <= places[i, place, LEFT_HIGH]
+            is_right = places[i, place, RIGHT_LOW] <= places[i, place, RIGHT_HIGH]
+            if (is_left and is_right) or ((is_left or is_right) and place % PAIR_STEP == 0):
                 gain = _put(side, share_of(place, middle, n_place), node, nodes, face_nodes, heights)
                 places[i, place, HEIGHT], places[i, place, GAIN] = nodes[node, 2], gain
             else:
@@ -216,7 +215,7 @@ def _settle_with_one(
 
 
 @njit(nogil=True, cache=True)
-def _fill_pairs(face, i, node, n_post, tree, terms, rule, places, room, windows, holds):
+def _fill_pairs(face, i, node, n_post, tree, terms, rule, places, room, leeways, holds):
     """Fill which nodes on side i and the next settle a face together, holds (n_pair, n_pair); tell whether any do.
 
     The nodes of the places stand from `node` on, side by side. Either diagonal makes a face of one of the nodes only; where
@@ -234,20 +233,20 @@ def _fill_pairs(face, i, node, n_post, tree, terms, rule, places, room, windows,
     for place in range(n_pair):
         low, high = places[j, place * PAIR_STEP, RIGHT_LOW], places[j, place * PAIR_STEP, RIGHT_HIGH]
         if low <= places[j, place * PAIR_STEP, HEIGHT] <= high:  # diagonal from a to this node
-            find_windows(
-                a, b, two + place, posts, n_post, nodes, aspect, bound, most, middle, n_pair, work, bins, windows
+            find_leeways(
+                a, b, two + place, posts, n_post, nodes, aspect, bound, most, middle, n_pair, work, bins, leeways
             )
             for at in range(n_pair):
-                holds[at, place] = _fits(places[i, at * PAIR_STEP, HEIGHT], windows, at)
+                holds[at, place] = _fits(places[i, at * PAIR_STEP, HEIGHT], leeways, at)
                 is_found = is_found or holds[at, place]
     for place in range(n_pair):
         low, high = places[i, place * PAIR_STEP, LEFT_LOW], places[i, place * PAIR_STEP, LEFT_HIGH]
         if low <= places[i, place * PAIR_STEP, HEIGHT] <= high:  # diagonal from this node to c
-            find_windows(
-                b, c, one + place, posts, n_post, nodes, aspect, bound, most, middle, n_pair, work, bins, windows
+            find_leeways(
+                b, c, one + place, posts, n_post, nodes, aspect, bound, most, middle, n_pair, work, bins, leeways
             )
             for at in range(n_pair):
-                if _fits(places[j, at * PAIR_STEP, HEIGHT], windows, at):
+                if _fits(places[j, at * PAIR_STEP, HEIGHT], leeways, at):
                     holds[place, at] = is_found = True
     return is_found
 
@@ -270,7 +269,7 @@ def _settle_with_two(
     """Break two sides of a whole face so that it is settled and none across is spoilt; return the first, or NONE."""
     nodes, face_nodes, side_twin, side_node = tree
     posts, corner, steps, _, _ = room
-    windows, holds, gains, order = pair_room
+    leeways, holds, gains, order = pair_room
     bound, middle, n_place = terms[1], rule[1], rule[2]
     n_pair = n_place // PAIR_STEP + 1
     is_found = np.int64(0)
@@ -281,7 +280,7 @@ def _settle_with_two(
             _put(3 * face + i, share, node + 2 + i * n_pair + place, nodes, face_nodes, heights)
         _rank_places(places[i], gains, order[i])
     for i in range(3):
-        is_found |= _fill_pairs(face, i, node + 2, n_post, tree, terms, rule, places, room, windows, holds[i]) << i
+        is_found |= _fill_pairs(face, i, node + 2, n_post, tree, terms, rule, places, room, leeways, holds[i]) << i
     is_known = 0
     for total in range(2 * n_pair - 1 if is_found else 0):
         for i in range(3):
@@ -315,7 +314,7 @@ def _settle_with_two(
 @njit(nogil=True, cache=True)
 def _settle(
     faces, n_node, nodes, face_nodes, side_twin, side_node, heights, terms, rule, side_state, face_error, slot, settled,
-    broken, is_stale, posts, corner, steps, work, bins, places, across, windows, holds, gains, order,
+    broken, is_stale, posts, corner, steps, work, bins, places, across, leeways, holds, gains, order,
 ):  # fmt: skip
     """Do what `settle_faces` says, with room for all it needs; return how many sides are broken.
 
@@ -330,7 +329,7 @@ def _settle(
     )  # fmt: skip
     room = (borrowed(posts), borrowed(corner), borrowed(steps), borrowed(work), borrowed(bins))
     places, across = borrowed(places), borrowed(across)
-    pair_room = (borrowed(windows), borrowed(holds), borrowed(gains), borrowed(order))
+    pair_room = (borrowed(leeways), borrowed(holds), borrowed(gains), borrowed(order))
     tree, state = (nodes, face_nodes, side_twin, side_node), (is_stale, settled, broken)
     bound, n, count = terms[1], len(faces), 0
     for turn in range(rule[5]):
@@ -393,11 +392,11 @@ def settle_faces(faces, n_node, tree, heights, terms, rule, side_state, face_err
     broken, is_stale, places = np.empty(3 * n, np.int32), np.ones(n, np.bool_), np.empty((n, 3, n_place, 6))
     posts, corner, steps = make_room(heights.size)
     work, bins, across = np.empty((6, heights.size)), np.empty((n_place + 1, 4)), np.empty((3, n_place, 4))
-    windows, holds = np.empty((n_pair, 4)), np.empty((3, n_pair, n_pair), np.bool_)
+    leeways, holds = np.empty((n_pair, 4)), np.empty((3, n_pair, n_pair), np.bool_)
     gains, order = np.empty(n_pair), np.empty((3, n_pair), np.int64)
     nodes, face_nodes, side_twin, side_node, _, _ = tree
     count = _settle(
         faces, n_node, nodes, face_nodes, side_twin, side_node, heights, terms, rule, side_state, face_error, found[0],
-        settled, broken, is_stale, posts, corner, steps, work, bins, places, across, windows, holds, gains, order,
+        settled, broken, is_stale, posts, corner, steps, work, bins, places, across, leeways, holds, gains, order,
     )  # fmt: skip
     return broken[:count]

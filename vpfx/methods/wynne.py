@@ -189,10 +189,10 @@ def _fit_to_bound(mesh: _Mesh, level: int, bound: float) -> None:
     """Cut and undo to smaller and smaller bounds, and in between fit the heights of the nodes new at this level."""
     forest = mesh.forest
     first_node = forest.n_node if level else 0
-    was_leaf = forest.is_leaf(np.arange(forest.n_face))
+    was_leaf = forest.is_leaf(np.arange(forest.n_face, dtype=np.int32))
     for share, following in pairwise((*STAGES, 0.0)):
         _cut_to_bound(mesh, forest.leaves(mesh.leaves)[0], level, share * bound)
-        is_cut = ~forest.is_leaf(np.arange(forest.n_face))
+        is_cut = ~forest.is_leaf(np.arange(forest.n_face, dtype=np.int32))
         is_cut[: len(was_leaf)] &= was_leaf
         mesh.undo(np.flatnonzero(is_cut)[::-1].astype(np.int32), share * bound)
         if following:
@@ -337,8 +337,11 @@ def build(patch: Patch, options: Mapping[str, Any]) -> Hierarchy:
     faces, links, filled, measures = [], [], [], []
     for level, rule in enumerate(rules):
         if rule is not None and rule.repeats:
-            is_last = level == len(rules) - 1
-            mesh.most_thin, mesh.is_fitted = MOST_THIN if is_last else COARSE_THIN, is_last and options["fit"] is not None
+            is_last = level == len(rules) - 1 and not patch.has_more
+            mesh.most_thin, mesh.is_fitted = (
+                MOST_THIN if is_last else COARSE_THIN,
+                is_last and options["fit"] is not None,
+            )
             _reach_bound(mesh, level, _checked_bounds(options)[level])
         elif rule is not None:
             _one_pass(mesh, level, options)

@@ -11,7 +11,7 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-__all__ = ["find_windows", "is_thin", "share_of"]
+__all__ = ["find_leeways", "is_thin", "share_of"]
 
 OUTSIDE = -1e-9  # least weight of a corner of a face in a post that counts as inside it
 TINY = 1e-12  # least weight to divide by
@@ -31,7 +31,7 @@ def is_thin(to_b, up_b, to_c, up_c, most):
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
-def find_windows(a, b, c, posts, n_post, nodes, aspect, bound, most, middle, n_place, work, bins, windows):
+def find_leeways(a, b, c, posts, n_post, nodes, aspect, bound, most, middle, n_place, work, bins, leeways):
     """Find least and greatest height of a node on the side from a to b of a face, for all its places.
 
     Parameters
@@ -41,10 +41,10 @@ def find_windows(a, b, c, posts, n_post, nodes, aspect, bound, most, middle, n_p
     posts, n_post
         Posts of the face, or of a larger one, as `vpfx.methods.trial.gather_posts` finds them.
     most : float
-        Faces of a greater `vpfx.methods.trial.thinness` get no window.
+        Faces of a greater `vpfx.methods.trial.thinness` get no leeway.
     work, bins : float64 (6, ≥ n_post), (n_place + 1, 4)
         Room.
-    windows : float64 (n_place, ≥ 4)
+    leeways : float64 (n_place, ≥ 4)
         Takes the least and greatest height, metres, with which the face a, m, c holds the bound, then those of m, b, c; the
         least is the greater one where no height will do.
 
@@ -90,16 +90,16 @@ def find_windows(a, b, c, posts, n_post, nodes, aspect, bound, most, middle, n_p
         low = bins[place, 0] if bins[place, 0] > low else low
         high = bins[place, 1] if bins[place, 1] < high else high
         share = middle + place * step
-        windows[place, 0], windows[place, 1] = az + share * low, az + share * high
+        leeways[place, 0], leeways[place, 1] = az + share * low, az + share * high
         if low <= high and is_thin(share * to_b, share * up_b, to_c, up_c, most):
-            windows[place, 0] = np.inf
+            leeways[place, 0] = np.inf
     low, high = -np.inf, np.inf
     for place in range(n_place - 1, -1, -1):
         low = bins[place + 1, 2] if bins[place + 1, 2] > low else low
         high = bins[place + 1, 3] if bins[place + 1, 3] < high else high
         share = 1.0 - middle - place * step
-        windows[place, 2], windows[place, 3] = bz + share * low, bz + share * high
+        leeways[place, 2], leeways[place, 3] = bz + share * low, bz + share * high
         if low <= high and is_thin(
             share * to_b, share * up_b, to_c - (1.0 - share) * to_b, up_c - (1.0 - share) * up_b, most
         ):
-            windows[place, 2] = np.inf
+            leeways[place, 2] = np.inf
