@@ -27,7 +27,7 @@ def terms(bound, most_thin=np.inf):
 
 
 def errors(corners, heights):
-    """Exact errors of the posts in a face, edges included: a node on an edge is off it by its rounding."""
+    """Exact errors of the valid posts in a face, edges included: a node on an edge is off it by its rounding."""
     (ax, ay, az), (bx, by, bz), (cx, cy, cz) = [[Fraction(float(value)) for value in corner] for corner in corners]
     area = (bx - ax) * (cy - ay) - (cx - ax) * (by - ay)
     assert area > 0
@@ -36,7 +36,7 @@ def errors(corners, heights):
         for col in range(heights.shape[1]):
             share_b = ((col - ax) * (cy - ay) - (cx - ax) * (row - ay)) / area
             share_c = ((bx - ax) * (row - ay) - (col - ax) * (by - ay)) / area
-            if min(share_b, share_c, 1 - share_b - share_c) >= -NEAR:
+            if min(share_b, share_c, 1 - share_b - share_c) >= -NEAR and np.isfinite(heights[row, col]):
                 height = az + share_b * (bz - az) + share_c * (cz - az)
                 found.append(abs(height - Fraction(float(heights[row, col]))))
     return found

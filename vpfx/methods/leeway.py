@@ -46,7 +46,7 @@ def find_leeways(a, b, c, posts, n_post, nodes, aspect, bound, most, middle, n_p
         Room.
     leeways : float64 (n_place, ≥ 4)
         Takes the least and greatest height, metres, with which the face a, m, c holds the bound, then those of m, b, c; the
-        least is the greater one where no height will do.
+        least is the greater one where no height will do. A post on the line from c to m counts for one of the two.
 
     Notes
     -----

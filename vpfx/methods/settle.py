@@ -15,18 +15,28 @@ import numpy as np
 from numba import njit
 
 from vpfx.methods.borrow import borrowed
-from vpfx.methods.breaks import OPEN, is_guarded, place_on_side
 from vpfx.methods.cut import is_whole
 from vpfx.methods.leeway import find_leeways, share_of
-from vpfx.methods.trial import HOLDS, gather_posts, make_room, thinness, try_cut
+from vpfx.methods.places import (
+    GAIN,
+    HEIGHT,
+    LEFT_HIGH,
+    LEFT_LOW,
+    PAIR_STEP,
+    RIGHT_HIGH,
+    RIGHT_LOW,
+    fill_across,
+    fill_places,
+    fits,
+    most_thin,
+    put_on_side,
+)
+from vpfx.methods.trial import gather_posts, make_room
 from vpfx.topology import NONE
 
 __all__ = ["SettleRule", "settle_faces"]
 
 BOTH, HOLDING, ANY = range(3)  # what a break does to the face across: settle it, find it holding, leave it to later
-# Of a place: between which heights a node there lets the faces to its left and its right hold; posts' surface; significance
-LEFT_LOW, LEFT_HIGH, RIGHT_LOW, RIGHT_HIGH, HEIGHT, GAIN = range(6)
-PAIR_STEP = 2  # two breaks are tried at every second place
 
 
 class SettleRule(NamedTuple):
@@ -54,113 +64,12 @@ class SettleRule(NamedTuple):
     rounds: int
 
 
-@njit(nogil=True, cache=True, inline="always")
-def _put(side, share, node, nodes, face_nodes, heights):
-    """Put a node on a side, on the posts' surface, and return its significance, metres."""
-    u, v, height, significance = place_on_side(side, share, nodes, face_nodes, heights)
-    nodes[node, 0], nodes[node, 1], nodes[node, 2] = u, v, height
-    return significance
-
-
 @njit(nogil=True, cache=True)
 def _break(side, node, side_twin, side_node):
     """Let a node break a side."""
     side_node[side] = node
     if side_twin[side] != NONE:
         side_node[side_twin[side]] = node
-
-
-@njit(nogil=True, cache=True)
-def _may_break(side, tree, aspect, guard, side_state):
-    """Tell whether a side is whole, not on a fixed border, and long enough for both its faces."""
-    nodes, face_nodes, side_twin, side_node = tree
-    if side_state[side] != OPEN or side_node[side] != NONE:
-        return False
-    twin = np.int64(side_twin[side])
-    if not is_guarded(side, nodes, face_nodes, aspect, guard, side_state):
-        return False
-    return twin == NONE or is_guarded(twin, nodes, face_nodes, aspect, guard, side_state)
-
-
-@njit(nogil=True, cache=True)
-def _most_thin(face, nodes, face_nodes, terms):
-    """Greatest thinness of a child of a face."""
-    a, b, c = face_nodes[face, 0], face_nodes[face, 1], face_nodes[face, 2]
-    return max(terms[2], terms[3] * thinness(nodes, a, b, c, terms[0]))
-
-
-@njit(nogil=True, cache=True, inline="always")
-def _fits(height, leeways, place):
-    """Tell whether a node at a place lets the faces on both sides of it hold."""
-    is_left = leeways[place, LEFT_LOW] <= height <= leeways[place, LEFT_HIGH]
-    return is_left and leeways[place, RIGHT_LOW] <= height <= leeways[place, RIGHT_HIGH]
-
-
-@njit(nogil=True, cache=True)
-def _fill_leeways(side, n_post, node, tree, heights, terms, rule, room, leeways):
-    """Fill leeways (n_place, ≥ 4) for the places of a side, the posts of its face being gathered.
-
-    In a face with breaks only a node on the posts' surface fits, and only every PAIR_STEP-th place is looked at.
-    """
-    nodes, face_nodes, _, side_node = tree
-    posts, _, _, work, bins = room
-    face, i, middle, n_place = side // 3, side % 3, rule[1], rule[2]
-    if is_whole(face, side_node):
-        a, b, c = face_nodes[face, i], face_nodes[face, (i + 1) % 3], face_nodes[face, (i + 2) % 3]
-        most = _most_thin(face, nodes, face_nodes, terms)
-        find_leeways(a, b, c, posts, n_post, nodes, terms[0], terms[1], most, middle, n_place, work, bins, leeways)
-        return
-    hint = 0
-    side_node[side] = node
-    leeways[:, LEFT_LOW], leeways[:, RIGHT_LOW] = np.inf, np.inf
-    for place in range(0, n_place, PAIR_STEP):
-        _put(side, share_of(place, middle, n_place), node, nodes, face_nodes, heights)
-        found = try_cut(face, False, hint, posts, n_post, nodes, face_nodes, side_node, terms)[0]
-        hint = found if found >= 0 else hint
-        leeways[place, LEFT_LOW] = leeways[place, RIGHT_LOW] = nodes[node, 2] if found == HOLDS else np.inf
-        leeways[place, LEFT_HIGH] = leeways[place, RIGHT_HIGH] = nodes[node, 2]
-    side_node[side] = NONE
-
-
-@njit(nogil=True, cache=True)
-def _fill_across(side, node, tree, heights, terms, rule, room, across):
-    """Fill across (n_place, 4) with the leeways of the face across a side, at the places of the side."""
-    nodes, face_nodes, side_twin, _ = tree
-    posts, corner, steps, _, _ = room
-    twin, n_place = np.int64(side_twin[side]), rule[2]
-    n_post = gather_posts(twin // 3, nodes, face_nodes, heights, posts, corner, steps)
-    _fill_leeways(twin, n_post, node, tree, heights, terms, rule, room, across)
-    for place in range(n_place // 2):
-        for j in range(4):
-            across[place, j], across[n_place - 1 - place, j] = across[n_place - 1 - place, j], across[place, j]
-
-
-@njit(nogil=True, cache=True)
-def _fill_places(face, node, tree, heights, terms, rule, side_state, room, places):
-    """Fill what is to be known of all places on the sides of a face, (3, n_place, 6); return whether it settles as it is."""
-    nodes, face_nodes, _, side_node = tree
-    posts, corner, steps, _, _ = room
-    middle, n_place = rule[1], rule[2]
-    n_post = gather_posts(face, nodes, face_nodes, heights, posts, corner, steps)
-    is_broken = not is_whole(face, side_node)
-    if is_broken and try_cut(face, False, 0, posts, n_post, nodes, face_nodes, side_node, terms)[0] == HOLDS:
-        return True
-    for i in range(3):
-        side = 3 * face + i
-        if not _may_break(side, tree, terms[0], rule[0], side_state):
-            places[i, :, LEFT_LOW] = places[i, :, RIGHT_LOW] = np.inf
-            places[i, :, HEIGHT], places[i, :, GAIN] = np.nan, 0.0
-            continue
-        _fill_leeways(side, n_post, node, tree, heights, terms, rule, room, places[i])
-        for place in range(n_place):
-            is_left = places[i, place, LEFT_LOW] <= places[i, place, LEFT_HIGH]
-            is_right = places[i, place, RIGHT_LOW] <= places[i, place, RIGHT_HIGH]
-            if (is_left and is_right) or ((is_left or is_right) and place % PAIR_STEP == 0):
-                gain = _put(side, share_of(place, middle, n_place), node, nodes, face_nodes, heights)
-                places[i, place, HEIGHT], places[i, place, GAIN] = nodes[node, 2], gain
-            else:
-                places[i, place, HEIGHT], places[i, place, GAIN] = np.nan, 0.0
-    return False
 
 
 @njit(nogil=True, cache=True)
@@ -187,22 +96,22 @@ def _settle_with_one(
             is_known = False
             for place in range(n_place):
                 height, gain = places[k, i, place, HEIGHT], places[k, i, place, GAIN]
-                if gain <= best or not _fits(height, places[k, i], place):
+                if gain <= best or not fits(height, places[k, i], place):
                     continue
                 if twin != NONE and kind != ANY:
                     if kind == BOTH and not is_stale[slot[other]]:
-                        if not _fits(height, places[slot[other], twin % 3], n_place - 1 - place):
+                        if not fits(height, places[slot[other], twin % 3], n_place - 1 - place):
                             continue
                     else:
                         if not is_known:
-                            _fill_across(side, n_node + count, tree, heights, terms, rule, room, across)
+                            fill_across(side, n_node + count, tree, heights, terms, rule, room, across)
                             is_known = True
-                        if not _fits(height, across, place):
+                        if not fits(height, across, place):
                             continue
                 best, best_side, best_place = gain, side, place
         if best_side == NONE:
             continue
-        _put(best_side, share_of(best_place, middle, n_place), n_node + count, nodes, face_nodes, heights)
+        put_on_side(best_side, share_of(best_place, middle, n_place), n_node + count, nodes, face_nodes, heights)
         _break(best_side, n_node + count, side_twin, side_node)
         broken[count] = best_side
         count += 1
@@ -226,7 +135,7 @@ def _fill_pairs(face, i, node, n_post, tree, terms, rule, places, room, leeways,
     n_pair, j = rule[2] // PAIR_STEP + 1, (i + 1) % 3
     a, b, c = face_nodes[face, i], face_nodes[face, j], face_nodes[face, (i + 2) % 3]
     one, two = node + i * n_pair, node + j * n_pair
-    most = _most_thin(face, nodes, face_nodes, terms)
+    most = most_thin(face, nodes, face_nodes, terms)
     aspect, bound, middle = terms[0], terms[1], rule[1]
     holds[:] = False
     is_found = False
@@ -237,7 +146,7 @@ def _fill_pairs(face, i, node, n_post, tree, terms, rule, places, room, leeways,
                 a, b, two + place, posts, n_post, nodes, aspect, bound, most, middle, n_pair, work, bins, leeways
             )
             for at in range(n_pair):
-                holds[at, place] = _fits(places[i, at * PAIR_STEP, HEIGHT], leeways, at)
+                holds[at, place] = fits(places[i, at * PAIR_STEP, HEIGHT], leeways, at)
                 is_found = is_found or holds[at, place]
     for place in range(n_pair):
         low, high = places[i, place * PAIR_STEP, LEFT_LOW], places[i, place * PAIR_STEP, LEFT_HIGH]
@@ -246,7 +155,7 @@ def _fill_pairs(face, i, node, n_post, tree, terms, rule, places, room, leeways,
                 b, c, one + place, posts, n_post, nodes, aspect, bound, most, middle, n_pair, work, bins, leeways
             )
             for at in range(n_pair):
-                if _fits(places[j, at * PAIR_STEP, HEIGHT], leeways, at):
+                if fits(places[j, at * PAIR_STEP, HEIGHT], leeways, at):
                     holds[place, at] = is_found = True
     return is_found
 
@@ -277,7 +186,7 @@ def _settle_with_two(
     for i in range(3):
         for place in range(n_pair):
             share = share_of(place, middle, n_pair)
-            _put(3 * face + i, share, node + 2 + i * n_pair + place, nodes, face_nodes, heights)
+            put_on_side(3 * face + i, share, node + 2 + i * n_pair + place, nodes, face_nodes, heights)
         _rank_places(places[i], gains, order[i])
     for i in range(3):
         is_found |= _fill_pairs(face, i, node + 2, n_post, tree, terms, rule, places, room, leeways, holds[i]) << i
@@ -290,7 +199,7 @@ def _settle_with_two(
                 j, one, two = (i + 1) % 3, order[i, rank], order[(i + 1) % 3, total - rank]
                 if not holds[i, one, two]:
                     continue
-                fits = True
+                is_good = True
                 for k, place in ((i, one), (j, two)):
                     side = np.int64(3 * face + k)
                     if not is_known >> k & 1:
@@ -300,9 +209,9 @@ def _settle_with_two(
                             across[k, :, 0] = across[k, :, 2] = -np.inf
                             across[k, :, 1] = across[k, :, 3] = np.inf
                         else:
-                            _fill_across(side, node, tree, heights, terms, rule, room, across[k])
-                    fits = fits and _fits(places[k, place * PAIR_STEP, HEIGHT], across[k], place * PAIR_STEP)
-                if fits:
+                            fill_across(side, node, tree, heights, terms, rule, room, across[k])
+                    is_good = is_good and fits(places[k, place * PAIR_STEP, HEIGHT], across[k], place * PAIR_STEP)
+                if is_good:
                     nodes[node] = nodes[node + 2 + i * n_pair + one]
                     nodes[node + 1] = nodes[node + 2 + j * n_pair + two]
                     _break(3 * face + i, node, side_twin, side_node)
@@ -337,7 +246,7 @@ def _settle(
             face = np.int64(faces[k])
             if settled[k] or not is_stale[k] or face_error[face] > rule[3] * bound:
                 continue
-            settled[k] = _fill_places(face, n_node + count, tree, heights, terms, rule, side_state, room, places[k])
+            settled[k] = fill_places(face, n_node + count, tree, heights, terms, rule, side_state, room, places[k])
             is_stale[k] = settled[k]
         for kind in (BOTH, HOLDING, ANY):
             count = _settle_with_one(
