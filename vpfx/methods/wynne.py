@@ -47,7 +47,7 @@ WANTED = 0.5  # a face over the bound wants edges broken by posts that are off b
 BAND = ScanRule(band=0.45, end_share=0.15, inner_share=1.0, inner_away=0.0)  # rule 4 is never wanted
 SETTLE = SettleRule(guard=0.5, middle=0.3, n_place=13, reach=4.0, pair_reach=3.0, rounds=2)
 MOST_THIN = 17.0  # settling and undoing leave no child with a greater thinness ...
-COARSE_THIN = 15.0  # ... at levels before the last: those after them start from their faces ...
+LATER_THIN = 16.0  # ... at levels after the first, whose faces were cut more often ...
 DECAY = 1.25  # ... unless that of the face times this is greater still
 BOUND_SLACK = 1e-6  # the builder works to the bound less this share, so that rounding never shows a post over it
 SWEEPS = 2  # through the cuts of a level, to undo needless breaks
@@ -339,7 +339,7 @@ def build(patch: Patch, options: Mapping[str, Any]) -> Hierarchy:
         if rule is not None and rule.repeats:
             is_last = level == len(rules) - 1 and not patch.has_more
             mesh.most_thin, mesh.is_fitted = (
-                MOST_THIN if is_last else COARSE_THIN,
+                LATER_THIN if level else MOST_THIN,
                 is_last and options["fit"] is not None,
             )
             _reach_bound(mesh, level, _checked_bounds(options)[level])
