@@ -27,7 +27,7 @@ OPEN, BROKEN, REPLACED, KEPT = range(4)  # states of a side; KEPT: on a fixed bo
 SAME_LENGTH = 1.0 + 1e-12  # sides whose squared lengths differ by less are equally long: the first is taken
 
 
-@njit(nogil=True, cache=True, inline="always")
+@njit(nogil=True, cache=True)
 def _square_length(side, nodes, face_nodes, aspect):
     """Squared length of a side, in heights of a post spacing."""
     start, end = face_nodes[side // 3, side % 3], face_nodes[side // 3, (side % 3 + 1) % 3]
@@ -91,7 +91,7 @@ def force_border_breaks(faces, mesh, ranks, limits, heights, side_state):
     return broken[:count], places[:count]
 
 
-@njit(nogil=True, cache=True, inline="always")
+@njit(nogil=True, cache=True)
 def _longest(face, nodes, face_nodes, aspect, side_state):
     """Longest side of a face among those that may break, and its squared length; NONE if none may."""
     best, most = NONE, 0.0
@@ -102,7 +102,7 @@ def _longest(face, nodes, face_nodes, aspect, side_state):
     return best, most
 
 
-@njit(nogil=True, cache=True, inline="always")
+@njit(nogil=True, cache=True)
 def is_guarded(side, nodes, face_nodes, aspect, guard, side_state):
     """Tell whether a side is long enough for its face: at least `guard` of the longest side that may break."""
     most = _longest(side // 3, nodes, face_nodes, aspect, side_state)[1]

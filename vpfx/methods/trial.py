@@ -188,7 +188,7 @@ def _try_three(a, b, c, m, o, p, hint, posts, n_post, nodes, aspect, bound, most
     return HOLDS
 
 
-@njit(nogil=True, cache=True, inline="always")
+@njit(nogil=True, cache=True)
 def try_cut(face, flip, hint, posts, n_post, nodes, face_nodes, side_node, terms):
     """Cut a face on trial by the breaks it has.
 
