@@ -11,7 +11,9 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-__all__ = ["find_leeways", "is_thin", "share_of"]
+from vpfx.methods.trial import squares_and_area
+
+__all__ = ["find_leeways", "share_of"]
 
 OUTSIDE = -1e-9  # least weight of a corner of a face in a post that counts as inside it
 TINY = 1e-12  # least weight to divide by
@@ -24,10 +26,10 @@ def share_of(place, middle, n_place):
 
 
 @njit(nogil=True, cache=True, inline="always")
-def is_thin(to_b, up_b, to_c, up_c, most):
+def _is_thin(to_b, up_b, to_c, up_c, most):
     """Tell whether a face's squared sides are more than `most` times its area; b and c as seen from a, in square units."""
-    squares = to_b * to_b + up_b * up_b + to_c * to_c + up_c * up_c + (to_b - to_c) ** 2 + (up_b - up_c) ** 2
-    return squares > most * 0.5 * (to_b * up_c - to_c * up_b)
+    squares, area = squares_and_area(to_b, up_b, to_c, up_c)
+    return squares > most * area
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
@@ -91,7 +93,7 @@ def find_leeways(a, b, c, posts, n_post, nodes, aspect, bound, most, middle, n_p
         high = bins[place, 1] if bins[place, 1] < high else high
         share = middle + place * step
         leeways[place, 0], leeways[place, 1] = az + share * low, az + share * high
-        if low <= high and is_thin(share * to_b, share * up_b, to_c, up_c, most):
+        if low <= high and _is_thin(share * to_b, share * up_b, to_c, up_c, most):
             leeways[place, 0] = np.inf
     low, high = -np.inf, np.inf
     for place in range(n_place - 1, -1, -1):
@@ -99,7 +101,7 @@ def find_leeways(a, b, c, posts, n_post, nodes, aspect, bound, most, middle, n_p
         high = bins[place + 1, 3] if bins[place + 1, 3] < high else high
         share = 1.0 - middle - place * step
         leeways[place, 2], leeways[place, 3] = bz + share * low, bz + share * high
-        if low <= high and is_thin(
+        if low <= high and _is_thin(
             share * to_b, share * up_b, to_c - (1.0 - share) * to_b, up_c - (1.0 - share) * up_b, most
         ):
             leeways[place, 2] = np.inf

@@ -12,7 +12,7 @@ from numba import njit
 from vpfx.methods.breaks import OPEN, is_guarded, place_on_side
 from vpfx.methods.cut import is_whole
 from vpfx.methods.leeway import find_leeways, share_of
-from vpfx.methods.trial import HOLDS, gather_posts, thinness, try_cut
+from vpfx.methods.trial import HOLDS, gather_posts, greatest_thinness, try_cut
 from vpfx.topology import NONE
 
 __all__ = [
@@ -26,7 +26,6 @@ __all__ = [
     "fill_across",
     "fill_places",
     "fits",
-    "most_thin",
     "put_on_side",
 ]
 
@@ -55,13 +54,6 @@ def _may_break(side, tree, aspect, guard, side_state):
     return twin == NONE or is_guarded(twin, nodes, face_nodes, aspect, guard, side_state)
 
 
-@njit(nogil=True, cache=True)
-def most_thin(face, nodes, face_nodes, terms):
-    """Greatest thinness of a child of a face."""
-    a, b, c = face_nodes[face, 0], face_nodes[face, 1], face_nodes[face, 2]
-    return max(terms[2], terms[3] * thinness(nodes, a, b, c, terms[0]))
-
-
 @njit(nogil=True, cache=True, inline="always")
 def fits(height, leeways, place):
     """Tell whether a node at a place lets the faces on both sides of it hold."""
@@ -80,7 +72,7 @@ def _fill_leeways(side, n_post, node, tree, heights, terms, rule, room, leeways)
     face, i, middle, n_place = side // 3, side % 3, rule[1], rule[2]
     if is_whole(face, side_node):
         a, b, c = face_nodes[face, i], face_nodes[face, (i + 1) % 3], face_nodes[face, (i + 2) % 3]
-        most = most_thin(face, nodes, face_nodes, terms)
+        most = greatest_thinness(face, nodes, face_nodes, terms)
         find_leeways(a, b, c, posts, n_post, nodes, terms[0], terms[1], most, middle, n_place, work, bins, leeways)
         return
     hint = 0

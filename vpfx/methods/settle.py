@@ -28,10 +28,9 @@ from vpfx.methods.places import (
     fill_across,
     fill_places,
     fits,
-    most_thin,
     put_on_side,
 )
-from vpfx.methods.trial import gather_posts, make_room
+from vpfx.methods.trial import gather_posts, greatest_thinness, make_room
 from vpfx.topology import NONE
 
 __all__ = ["SettleRule", "settle_faces"]
@@ -134,29 +133,24 @@ def _fill_pairs(face, i, node, n_post, tree, terms, rule, places, room, leeways,
     posts, _, _, work, bins = room
     n_pair, j = rule[2] // PAIR_STEP + 1, (i + 1) % 3
     a, b, c = face_nodes[face, i], face_nodes[face, j], face_nodes[face, (i + 2) % 3]
-    one, two = node + i * n_pair, node + j * n_pair
-    most = most_thin(face, nodes, face_nodes, terms)
+    most = greatest_thinness(face, nodes, face_nodes, terms)
     aspect, bound, middle = terms[0], terms[1], rule[1]
     holds[:] = False
     is_found = False
-    for place in range(n_pair):
-        low, high = places[j, place * PAIR_STEP, RIGHT_LOW], places[j, place * PAIR_STEP, RIGHT_HIGH]
-        if low <= places[j, place * PAIR_STEP, HEIGHT] <= high:  # diagonal from a to this node
+    for diagonal in range(2):  # from a to the node on the second side, then from the one on the first side to c
+        fixed, free, start, end = (j, i, a, b) if diagonal == 0 else (i, j, b, c)
+        low, high = (RIGHT_LOW, RIGHT_HIGH) if diagonal == 0 else (LEFT_LOW, LEFT_HIGH)
+        for place in range(n_pair):
+            at, apex = place * PAIR_STEP, node + fixed * n_pair + place
+            if not places[fixed, at, low] <= places[fixed, at, HEIGHT] <= places[fixed, at, high]:
+                continue
             find_leeways(
-                a, b, two + place, posts, n_post, nodes, aspect, bound, most, middle, n_pair, work, bins, leeways
+                start, end, apex, posts, n_post, nodes, aspect, bound, most, middle, n_pair, work, bins, leeways
             )
-            for at in range(n_pair):
-                holds[at, place] = fits(places[i, at * PAIR_STEP, HEIGHT], leeways, at)
-                is_found = is_found or holds[at, place]
-    for place in range(n_pair):
-        low, high = places[i, place * PAIR_STEP, LEFT_LOW], places[i, place * PAIR_STEP, LEFT_HIGH]
-        if low <= places[i, place * PAIR_STEP, HEIGHT] <= high:  # diagonal from this node to c
-            find_leeways(
-                b, c, one + place, posts, n_post, nodes, aspect, bound, most, middle, n_pair, work, bins, leeways
-            )
-            for at in range(n_pair):
-                if fits(places[j, at * PAIR_STEP, HEIGHT], leeways, at):
-                    holds[place, at] = is_found = True
+            for other in range(n_pair):
+                if fits(places[free, other * PAIR_STEP, HEIGHT], leeways, other):
+                    one, two = (other, place) if diagonal == 0 else (place, other)
+                    holds[one, two] = is_found = True
     return is_found
 
 
@@ -206,8 +200,8 @@ def _settle_with_two(
                         is_known |= 1 << k
                         twin = side_twin[side]
                         if twin == NONE or (face_error[twin // 3] > bound and not settled[slot[twin // 3]]):
-                            across[k, :, 0] = across[k, :, 2] = -np.inf
-                            across[k, :, 1] = across[k, :, 3] = np.inf
+                            across[k, :, LEFT_LOW] = across[k, :, RIGHT_LOW] = -np.inf
+                            across[k, :, LEFT_HIGH] = across[k, :, RIGHT_HIGH] = np.inf
                         else:
                             fill_across(side, node, tree, heights, terms, rule, room, across[k])
                     is_good = is_good and fits(places[k, place * PAIR_STEP, HEIGHT], across[k], place * PAIR_STEP)

@@ -22,8 +22,10 @@ __all__ = [
     "Terms",
     "choose_diagonals",
     "gather_posts",
+    "greatest_thinness",
     "holding_diagonal",
     "make_room",
+    "squares_and_area",
     "thinness",
     "try_cut",
 ]
@@ -83,13 +85,26 @@ def gather_posts(face, nodes, face_nodes, heights, posts, corner, steps):
 
 
 @njit(nogil=True, cache=True, inline="always")
+def squares_and_area(to_b, up_b, to_c, up_c):
+    """Sum of the squared sides of a face, and its area, by two corners as seen from the third."""
+    squares = to_b * to_b + up_b * up_b + to_c * to_c + up_c * up_c + (to_b - to_c) ** 2 + (up_b - up_c) ** 2
+    return squares, 0.5 * (to_b * up_c - to_c * up_b)
+
+
+@njit(nogil=True, cache=True, inline="always")
 def thinness(nodes, a, b, c, aspect):
     """Squared sides of a face divided by its area: 6.9 if they are equal, 8 for half a square, 16 for a needle of 14.6°."""
     to_b, up_b = (nodes[b, 0] - nodes[a, 0]) * aspect, nodes[b, 1] - nodes[a, 1]
     to_c, up_c = (nodes[c, 0] - nodes[a, 0]) * aspect, nodes[c, 1] - nodes[a, 1]
-    squares = to_b * to_b + up_b * up_b + to_c * to_c + up_c * up_c + (to_b - to_c) ** 2 + (up_b - up_c) ** 2
-    area = 0.5 * (to_b * up_c - to_c * up_b)
+    squares, area = squares_and_area(to_b, up_b, to_c, up_c)
     return squares / area if area > 0.0 else np.inf
+
+
+@njit(nogil=True, cache=True)
+def greatest_thinness(face, nodes, face_nodes, terms):
+    """Greatest thinness that a child of a face may have."""
+    a, b, c = face_nodes[face, 0], face_nodes[face, 1], face_nodes[face, 2]
+    return max(terms[2], terms[3] * thinness(nodes, a, b, c, terms[0]))
 
 
 @njit(nogil=True, cache=True, inline="always")
@@ -207,7 +222,7 @@ def try_cut(face, flip, hint, posts, n_post, nodes, face_nodes, side_node, terms
         HOLDS, or why not: which of the posts is off by more than the bound, or TOO_THIN; and the diagonal that rule 2 takes:
         `flip`, unless it does not hold and the other does.
     """
-    aspect, bound, most_thin, decay, _, _ = terms
+    aspect, bound = terms[0], terms[1]
     first, n_broken = 0, 0
     for i in range(3):
         is_broken, is_next = side_node[3 * face + i] != NONE, side_node[3 * face + (i + 1) % 3] != NONE
@@ -218,7 +233,7 @@ def try_cut(face, flip, hint, posts, n_post, nodes, face_nodes, side_node, terms
     m, o = side_node[3 * face + first], side_node[3 * face + (first + 1) % 3]
     if n_broken == 0:
         return _try_none(a, b, c, hint, posts, n_post, nodes, bound), flip
-    most = max(most_thin, decay * thinness(nodes, a, b, c, aspect))
+    most = greatest_thinness(face, nodes, face_nodes, terms)
     if n_broken == 1:
         return _try_one(a, b, c, m, hint, posts, n_post, nodes, aspect, bound, most), flip
     if n_broken == 3:

@@ -338,10 +338,8 @@ def build(patch: Patch, options: Mapping[str, Any]) -> Hierarchy:
     for level, rule in enumerate(rules):
         if rule is not None and rule.repeats:
             is_last = level == len(rules) - 1 and not patch.has_more
-            mesh.most_thin, mesh.is_fitted = (
-                LATER_THIN if level else MOST_THIN,
-                is_last and options["fit"] is not None,
-            )
+            mesh.most_thin = LATER_THIN if level else MOST_THIN
+            mesh.is_fitted = is_last and options["fit"] is not None
             _reach_bound(mesh, level, _checked_bounds(options)[level])
         elif rule is not None:
             _one_pass(mesh, level, options)
