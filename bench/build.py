@@ -4,7 +4,7 @@ vpfx reads the file, builds all levels and writes the store; the peers get the p
 finest bound, pymartini of the posts padded to a square of 2^n + 1, its set-up included. All run in turn in one process
 with kernels warm; seconds are medians (least … greatest). Processor seconds are those of all threads: where other
 programs keep the machine busy, their ratio is the steadier one. Peak memory is that of a process of its own for each,
-imports and posts included. Greatest errors are measured at every post by the judge of bench/quality.py; pymartini does
+imports and posts included. Greatest errors are measured at every post by the judge of bench/judge.py; pymartini does
 not keep what it is asked for. Compare the ratios of one run only.
 
 The rows of the four big tables are then written once more from the finished store into fresh files of the same schema:
@@ -31,10 +31,12 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
+from judge import Mesh, judge
 from numpy.typing import NDArray
+from peers import mesh_greedy, mesh_rtin
 from pydelatin import Delatin
 from pymartini import Martini
-from quality import NEW_MEXICO, Mesh, judge, mesh_greedy, mesh_rtin, parse_bounds, table_text
+from quality import NEW_MEXICO, parse_bounds, table_text
 
 from vpfx.dem import Dem, open_dem, read_grid
 from vpfx.model import Grid

@@ -12,6 +12,9 @@ percentile of the smallest angle, degrees; greatest degree; ratio and mean perim
 §5, "band"), with "< prototype" where "vpfx single" is not at least as good. Exit code 1 if a mesh does not hold its
 bound.
 
+Another table compares at the same root mean square of the errors, RMSE: vpfx with heights fitted for that (--fit rmse), within
+the bound, against what pyfqmr's quadric decimation, which has no bound, needs for the RMSE that vpfx has.
+
 A last table tells what the better mesh costs: processor seconds of all levels, the least of some runs in turn, against
 the same rules and guard without settling and undoing ("plain"), over the whole DEM and its south-western quarter.
 
@@ -29,13 +32,14 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
+from judge import Mesh, Verdict, greatest_degree, judge
 from numpy.typing import NDArray
-from pydelatin import Delatin
+from peers import mesh_decimated, mesh_greedy, mesh_rtin, mesh_vpfx
 from pymartini import Martini
 
 from vpfx.dem import read_grid
 from vpfx.geometry import face_shapes
-from vpfx.model import Grid, Tin
+from vpfx.model import Grid
 
 REPOSITORY = Path(__file__).resolve().parents[1]
 NEW_MEXICO = REPOSITORY / "fixtures/dem/new_mexico_cell_5min_1arcsec.tif"
@@ -48,14 +52,11 @@ PROTOTYPE = {
 }
 """Ratio to greedy and mean perimeter²/area by case and bound in metres; source: design.md §5."""
 
-NEAR = 1e-8
-"""Post spacings by which a post may miss a face and still count as touched: nodes are rounded to CRS units."""
-
-SAMPLES = 1 << 22
-"""Posts looked at in one go, about; bounds the memory of the judge."""
-
 STEPS = 24
 """Halvings of the error asked of pymartini."""
+
+GUESSES = 4
+"""Numbers of triangles asked of pyfqmr, each nearer to the RMSE."""
 
 ROUNDING = float(np.finfo(np.float32).eps)
 """pydelatin works in single precision: its bound counts as held to this share of the greatest height."""
@@ -75,123 +76,6 @@ class Case(NamedTuple):
     name: str
     grid: Grid
     bounds: tuple[float, ...]
-
-
-class Mesh(NamedTuple):
-    """Nodes as column, row (in post spacings, row 0 in the south) and height; faces counter-clockwise."""
-
-    nodes: Floats
-    face_nodes: NDArray[np.int32]
-
-
-class Verdict(NamedTuple):
-    """What the judge found: the greatest error in metres, valid posts no face touches, and whether faces fit."""
-
-    max_error: float
-    n_missed: int
-    is_cover: bool  # all faces counter-clockwise, and their areas sum up to the extent
-
-
-def mesh_of_tin(tin: Tin, grid: Grid) -> Mesh:
-    nodes = (tin.nodes - np.array([grid.x0, grid.y0, 0.0])) / np.array([grid.dx, grid.dy, 1.0])
-    return Mesh(nodes, tin.face_nodes)
-
-
-def mesh_of_posts(col: NDArray[Any], row: NDArray[Any], face_nodes: NDArray[Any], heights: Floats) -> Mesh:
-    """Return a mesh whose nodes are posts; clockwise faces (of all or of none) are turned."""
-    nodes = np.stack([col, row, heights[row, col]], axis=1).astype(np.float64)
-    faces = np.asarray(face_nodes).reshape(-1, 3).astype(np.int32)
-    return Mesh(nodes, faces if areas(nodes, faces[:1])[0] > 0 else faces[:, ::-1])
-
-
-def mesh_greedy(heights: Floats, bound: float) -> Mesh:
-    """Mesh posts with pydelatin, which counts rows from the other side."""
-    found = Delatin(heights.astype(np.float32), max_error=bound)
-    col, row = found.vertices[:, :2].astype(np.int64).T
-    return mesh_of_posts(col, len(heights) - 1 - row, found.triangles, heights)
-
-
-def mesh_rtin(tile: Any, heights: Floats, asked: float) -> Mesh:
-    """Mesh a tile of pymartini, made of the heights."""
-    vertices, triangles = tile.get_mesh(asked)
-    col, row = np.asarray(vertices).reshape(-1, 2).astype(np.int64).T
-    return mesh_of_posts(col, row, triangles, heights)
-
-
-def mesh_vpfx(grid: Grid, bounds: Sequence[float], fit: str | None = None) -> list[Mesh]:
-    from vpfx.pipeline import build_hierarchy  # late: it loads numba, which build.py's memory figures must not see
-
-    hierarchy = build_hierarchy(grid, max_error=tuple(bounds), fit=fit)
-    return [mesh_of_tin(hierarchy.tin(level), grid) for level in range(len(bounds))]
-
-
-def areas(nodes: Floats, face_nodes: NDArray[np.int32]) -> Floats:
-    """Area of each face in squares of posts; negative if clockwise."""
-    a, b, c = (nodes[face_nodes[:, i], :2] for i in range(3))
-    return ((b[:, 0] - a[:, 0]) * (c[:, 1] - a[:, 1]) - (c[:, 0] - a[:, 0]) * (b[:, 1] - a[:, 1])) / 2
-
-
-def judge(mesh: Mesh, heights: Floats) -> Verdict:
-    """Compare a mesh with every post in or on its faces, in numpy and in pieces."""
-    area = areas(mesh.nodes, mesh.face_nodes)
-    extent = (heights.shape[0] - 1.0) * (heights.shape[1] - 1.0)
-    corners = mesh.nodes[mesh.face_nodes]
-    box = corners[..., :2].max(axis=1) - corners[..., :2].min(axis=1)
-    load = np.cumsum((box + 1).prod(axis=1))
-    is_missed = np.isfinite(heights)
-    worst = 0.0
-    for part in np.split(corners, np.searchsorted(load, np.arange(SAMPLES, load[-1], SAMPLES))):
-        col, row, height = sample(part, heights.shape)
-        is_missed[row, col] = False
-        worst = float(np.fmax.reduce(np.abs(height - heights[row, col]), initial=worst))
-    is_cover = bool((area > 0).all() and abs(area.sum() - extent) <= 1e-9 * extent)
-    return Verdict(worst, int(is_missed.sum()), is_cover)
-
-
-def sample(corners: Floats, shape: tuple[int, ...]) -> tuple[NDArray[np.int64], NDArray[np.int64], Floats]:
-    """Find the posts in or on each face, and the height of the face there.
-
-    Parameters
-    ----------
-    corners : float64 (n_face, 3, 3)
-        Column, row and height of the corners.
-    shape : tuple of int
-        Numbers of rows and columns of the posts.
-    """
-    col, row, height = np.moveaxis(corners, 2, 0)
-    face, at_row = spread(row.min(axis=1), row.max(axis=1), shape[0])
-    # the stretch of the row inside the face ends where the row crosses its sides
-    from_row, to_row = row[face], np.roll(row, -1, axis=1)[face]
-    from_col, to_col = col[face], np.roll(col, -1, axis=1)[face]
-    line = at_row[:, None]
-    is_crossed = (np.minimum(from_row, to_row) - NEAR <= line) & (line <= np.maximum(from_row, to_row) + NEAR)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        share = np.clip(np.nan_to_num((line - from_row) / (to_row - from_row)), 0.0, 1.0)
-    crossing = from_col + share * (to_col - from_col)
-    west = np.where(is_crossed, crossing, np.inf).min(axis=1)
-    stretch, at_col = spread(west, np.where(is_crossed, crossing, -np.inf).max(axis=1), shape[1])
-    face, at_row = face[stretch], at_row[stretch]
-    (p_col, p_row, p_height), (q_col, q_row, q_height) = (
-        np.moveaxis(corners[:, i] - corners[:, 0], 1, 0) for i in (1, 2)
-    )
-    twice = p_col * q_row - q_col * p_row
-    east, north = (p_height * q_row - q_height * p_row) / twice, (q_height * p_col - p_height * q_col) / twice
-    found = height[face, 0] + east[face] * (at_col - col[face, 0]) + north[face] * (at_row - row[face, 0])
-    return at_col, at_row, found
-
-
-def spread(low: Floats, high: Floats, n: int) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Whole numbers of 0…n - 1 in each range, as (index of the range, number)."""
-    first = np.clip(np.ceil(low - NEAR), 0, n).astype(np.int64)
-    count = np.maximum(np.clip(np.floor(high + NEAR), -1, n - 1).astype(np.int64) - first + 1, 0)
-    owner = np.repeat(np.arange(len(first)), count)
-    return owner, np.arange(len(owner)) - np.repeat(np.cumsum(count) - count, count) + first[owner]
-
-
-def greatest_degree(face_nodes: NDArray[np.int32]) -> int:
-    """Edges at the node that has most of them."""
-    sides = np.sort(np.concatenate([face_nodes[:, [0, 1]], face_nodes[:, [1, 2]], face_nodes[:, [2, 0]]]), axis=1)
-    return int(np.bincount(np.unique(sides, axis=0).ravel()).max())
 
 
 def make_line(mesher: str, mesh: Mesh, grid: Grid, bound: float, n_greedy: int) -> Line:
@@ -293,6 +177,47 @@ def find_asked(tile: Any, heights: Floats, bound: float) -> float:
     return held
 
 
+def compare_decimated(case: Case) -> list[Line]:
+    """Lines of fitted and pyfqmr at the RMSE of fitted, for every bound."""
+    grid, lines = case.grid, []
+    for bound in case.bounds:
+        fitted = mesh_vpfx(grid, [bound], "rmse")[0]
+        own = judge(fitted, grid.heights)
+        n_face, peer = decimate(grid, own.rmse, len(fitted.face_nodes))
+        lines.append(
+            {
+                "bound": bound,
+                "triangles": len(fitted.face_nodes),
+                "rmse": own.rmse,
+                "max_error": own.max_error,
+                "is_held": own.max_error <= bound and own.n_missed == 0 and own.is_cover,
+                "pyfqmr_triangles": n_face,
+                "pyfqmr_max_error": peer.max_error,
+                "ratio": len(fitted.face_nodes) / n_face,
+            }
+        )
+    return lines
+
+
+def decimate(grid: Grid, rmse: float, n_face: int) -> tuple[int, Verdict]:
+    """Triangles that pyfqmr needs for a RMSE, from a first guess, and what the judge found at the last one.
+
+    The RMSE falls nearly as a power of the triangles: each guess goes along the line through the two nearest of those before.
+    """
+    known: list[tuple[float, float]] = []
+    for _ in range(GUESSES):
+        mesh = mesh_decimated(grid, n_face)
+        verdict = judge(mesh, grid.heights)
+        known.append((np.log(len(mesh.face_nodes)), np.log(verdict.rmse / rmse)))
+        known.sort(key=lambda point: abs(point[1]))
+        (n, off), (other_n, other_off) = (
+            known[0],
+            known[1] if len(known) > 1 else (known[0][0] - 1.0, known[0][1] + 0.8),
+        )
+        n_face = round(np.exp(n - off * (other_n - n) / (other_off - off) if other_off != off else n))
+    return n_face, verdict
+
+
 def table_text(rows: Sequence[Sequence[str]], left: Sequence[int]) -> str:
     """Rows of texts as aligned columns, those listed in `left` to the left; the first row is the heading."""
     widths = [max(len(row[i]) for row in rows) for i in range(len(rows[0]))]
@@ -330,6 +255,16 @@ def lines_text(lines: Sequence[Line]) -> str:
             ]
         )
     return table_text(rows, left=(1, 9))
+
+
+def decimated_text(lines: Sequence[Line]) -> str:
+    rows = [["bound", "RMSE", "triangles", "max error", "pyfqmr", "its max error", "ratio"]]
+    for line in lines:
+        errors = f"{line['max_error']:.3f}{' ' if line['is_held'] else '*'}", f"{line['pyfqmr_max_error']:.3f}"
+        counts = f"{line['triangles']}", f"{line['pyfqmr_triangles']}"
+        rows.append([f"{line['bound']:g}", f"{line['rmse']:.3f}", counts[0], errors[0], counts[1], errors[1],
+                     f"{line['ratio']:.2f}"])  # fmt: skip
+    return table_text(rows, left=())
 
 
 def costs_text(lines: Sequence[Line]) -> str:
@@ -392,6 +327,7 @@ def main() -> None:
                 "posts": shape,
                 "lines": compare(case),
                 "rtin_lines": compare_rtin(case),
+                "rmse_lines": compare_decimated(case),
                 "costs": costs(case),
             }
         )
@@ -399,10 +335,11 @@ def main() -> None:
             print(f"{case.name}, {shape[0]} × {shape[1]} posts\n{lines_text(results[-1]['lines'])}\n")
             part = f"south-western {rtin_size(shape)} × {rtin_size(shape)} posts"
             print(f"{case.name}, {part}\n{lines_text(results[-1]['rtin_lines'])}\n")
+            print(f"{case.name}, the same RMSE\n{decimated_text(results[-1]['rmse_lines'])}\n")
             print(f"{case.name}, cost of all levels\n{costs_text(results[-1]['costs'])}\n", flush=True)
     if options.json:
         print(json.dumps(results, indent=2))
-    sys.exit(not all(line["is_held"] for r in results for line in (*r["lines"], *r["rtin_lines"])))
+    sys.exit(not all(line["is_held"] for r in results for line in (*r["lines"], *r["rtin_lines"], *r["rmse_lines"])))
 
 
 if __name__ == "__main__":

@@ -109,7 +109,7 @@ BAD_BUILDS = {
     "unknown method": ([DEM, "--method", "quadric"], USAGE, r"unknown method 'quadric'; known: .*wynne"),
     "unknown option": ([DEM, "--sharp"], USAGE, r"build: No such option '--sharp'"),
     "unknown diagonal": ([DEM, "--diagonal", "longer"], USAGE, r"found diagonal 'longer', expected one of"),
-    "unknown fit": ([DEM, "--fit", "median"], USAGE, r"found fit 'median', expected one of: max-error"),
+    "unknown fit": ([DEM, "--fit", "median"], USAGE, r"found fit 'median', expected one of: max-error, rmse"),
     "fit without a bound": ([DEM, "--passes", "1", "--fit"], USAGE, r"found fit without max_error"),
     "unknown start": ([DEM, "--start", "hexagon"], USAGE, r"found start 'hexagon', expected grid or delaunay"),
     "negative start posts": ([DEM, "--start", "delaunay", "--start-posts", "-5"], USAGE, r"start.posts"),

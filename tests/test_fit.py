@@ -10,6 +10,7 @@ from surfaces import noise
 
 from vpfx.dem import read_grid
 from vpfx.methods import fit
+from vpfx.methods.wynne import FITS
 from vpfx.model import Grid
 from vpfx.pipeline import build_hierarchy
 
@@ -40,10 +41,10 @@ def design(heights):
     return np.array(rows), np.array(wanted)
 
 
-def fitted(heights, is_free, bound=1.0, limit=1e9):
+def fitted(heights, is_free, bound=1.0, limit=1e9, powers=FITS["max-error"].powers):
     nodes = NODES.copy()
     nodes[~is_free, 2] = 7.0
-    fit.fit_heights(np.arange(4, dtype=np.int32), nodes, FACES, heights, is_free, bound, limit)
+    fit.fit_heights(np.arange(4, dtype=np.int32), nodes, FACES, heights, is_free, np.array(powers), bound, limit)
     return nodes
 
 
@@ -62,6 +63,15 @@ def test_the_first_step_is_that_of_least_squares(n_fixed, seed):
     expected = np.linalg.lstsq(rows[:, is_free], wanted - rows[:, ~is_free].sum(axis=1) * 7.0, rcond=None)[0]
     assert (change[~is_free] == 0).all()
     assert change[is_free] == pytest.approx(expected, rel=2e-3, abs=2e-3 * np.abs(expected).max())
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_least_squares_leave_the_least_rmse(seed):
+    heights = noise(13, 13, seed)
+    rows, wanted = design(heights)
+    least = np.linalg.lstsq(rows, wanted, rcond=None)[0]
+    found = fitted(heights, np.ones(5, bool), powers=FITS["rmse"].powers)[:, 2]
+    assert np.square(rows @ found - wanted).sum() == pytest.approx(np.square(rows @ least - wanted).sum(), rel=1e-4)
 
 
 @pytest.mark.parametrize("seed", range(5))
@@ -99,7 +109,9 @@ def test_only_the_last_level_is_fitted():
 
 
 @pytest.mark.parametrize("bound", [20.0, 10.0])
-def test_fitted_heights_need_fewer_faces(bound):
+def test_what_fitted_heights_save(bound):
     grid = read_grid(NEW_MEXICO)
-    plain, fitted_one = (build_hierarchy(grid, max_error=(bound,), fit=fit) for fit in (None, "max-error"))
-    assert fitted_one.tin(0).n_face < 0.8 * plain.tin(0).n_face
+    plain, fewest, nearest = (build_hierarchy(grid, max_error=(bound,), fit=fit) for fit in (None, *FITS))
+    assert fewest.tin(0).n_face < 0.8 * plain.tin(0).n_face
+    assert nearest.tin(0).n_face < 1.1 * plain.tin(0).n_face
+    assert nearest.squared_error[0] < 0.75 * plain.squared_error[0]

@@ -111,8 +111,8 @@ def test_same_input_gives_same_bytes(surface):
     grid = SURFACES[surface]
     copy = dataclasses.replace(grid, heights=grid.heights.copy(order="F"))
     bounds = {"max_error": bounds_of(grid)}
-    fitted = {**bounds, "fit": "max-error"}
-    for options in (bounds, fitted, {"passes": 3, "diagonal": "random"}, {"passes": 1, "fill": True}):
+    fitted = [{**bounds, "fit": fit} for fit in FITS]
+    for options in (bounds, *fitted, {"passes": 3, "diagonal": "random"}, {"passes": 1, "fill": True}):
         one, other = build_hierarchy(grid, seed=7, **options), build_hierarchy(copy, seed=7, **options)
         assert arrays_of(one) == arrays_of(other)
 

@@ -22,6 +22,7 @@ MODES = {
     "--max-error 40,20,10,5": {"max_error": (40, 20, 10, 5)},
     "--max-faces 1000,4000": {"max_faces": (1000, 4000)},
     "--max-error 5 --fit": {"max_error": (5,), "fit": "max-error"},
+    "--max-error 5 --fit rmse": {"max_error": (5,), "fit": "rmse"},
     "--passes 3 --grid 9x9 --tolerance 5": {"passes": 3, "grid": (9, 9), "tolerance": 5},
 }
 

@@ -30,6 +30,7 @@ ROWS = ("level", "tile", "tile_level", "node", "edge", "face", "parent_child")
 MODES = {
     "bounded": {"max_error": (40.0, 15.0)},
     "fitted": {"max_error": (40.0, 15.0), "fit": "max-error"},
+    "fitted for rmse": {"max_error": (40.0, 15.0), "fit": "rmse"},
     "passes": {"passes": 2, "tolerance": 2.0, "grid": (2, 1)},
     "delaunay": {"passes": 1, "start": "delaunay", "start_posts": 10, "diagonal": "random"},
 }

@@ -103,8 +103,8 @@ def app() -> None:
     "--fit",
     is_flag=False,
     flag_value="max-error",
-    metavar="[max-error]",
-    help="Fit the heights of the last level's nodes within its bound: a quarter fewer faces, several times the time.",
+    metavar="[max-error|rmse]",
+    help="Fit the heights of the last level's nodes within its bound: for a quarter fewer faces, or for the least RMSE.",
 )
 @click.option("--grid", metavar="9x9", help="Squares of the start grid of a tile, columns x rows.")
 @click.option(

@@ -1,12 +1,14 @@
 """Heights of nodes fitted to the posts instead of taken from them (specs/methods.md M-147).
 
-Least squares of the posts' errors over all faces at once, then of higher and higher powers of them, which comes near the
-least greatest error: each step weighs a post by what it is off by after the one before. A face gives a matrix of its three
+Least squares of the posts' errors over all faces at once; then, to come near the least greatest error, of higher and higher
+powers of them: each step weighs a post by what it is off by after the one before. A face gives a matrix of its three
 nodes, the sum of all is solved by conjugate gradients, one face after the other, so that every machine finds the same bytes.
 Arrays are those of `vpfx.methods.forest.Forest`.
 """
 
 from __future__ import annotations
+
+from typing import NamedTuple
 
 import numpy as np
 from numba import njit
@@ -14,13 +16,27 @@ from numba import njit
 from vpfx.methods.scan import surface_height
 from vpfx.methods.trial import gather_posts, make_room
 
-__all__ = ["fit_heights"]
+__all__ = ["FitRule", "fit_heights"]
 
-POWERS = (0, 2, 4, 6, 8)  # of a post's error by the bound: its weight in the least squares of a step
-LEAST_WEIGHT = 0.2  # to that power: posts that are off by less weigh as if they were off by so much of the bound
+LEAST_WEIGHT = 0.2  # to the power of a step: posts that are off by less weigh as if they were off by so much of the bound
 STAY = 1e-3  # weight of a node's own height, of a post of least weight
 MOST_STEPS = 30  # of conjugate gradients
 NEAR_ENOUGH = 1e-6  # share of the squared remainder at the start
+
+
+class FitRule(NamedTuple):
+    """What heights are fitted for.
+
+    Attributes
+    ----------
+    stages : tuple of float
+        Bounds, of that of the level, that are reached one after the other; heights are fitted between two of them.
+    powers : tuple of int
+        Of a post's error by the bound: its weight in the least squares of each step of a fit.
+    """
+
+    stages: tuple[float, ...]
+    powers: tuple[int, ...]
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
@@ -101,8 +117,8 @@ def _solve(faces, face_nodes, matrix, pull, stay, is_free):
 
 
 @njit(nogil=True, cache=True)
-def fit_heights(faces, nodes, face_nodes, heights, is_free, bound, limit):
-    """Fit the heights of nodes so that the greatest error of the posts gets small.
+def fit_heights(faces, nodes, face_nodes, heights, is_free, powers, bound, limit):
+    """Fit the heights of nodes so that the posts' errors get small.
 
     Parameters
     ----------
@@ -113,6 +129,8 @@ def fit_heights(faces, nodes, face_nodes, heights, is_free, bound, limit):
     heights : float64 (n_row, n_col)
         Of the posts, metres, NaN for voids.
     is_free : bool (n_node,)
+    powers : int64 (n,)
+        As in `FitRule`.
     bound : float
         Error that the mesh is to come down to, metres.
     limit : float
@@ -124,7 +142,7 @@ def fit_heights(faces, nodes, face_nodes, heights, is_free, bound, limit):
     O(posts + steps × faces) for each power.
     """
     matrix, pull = np.empty((len(faces), 6)), np.empty((len(faces), 3))
-    for power in POWERS:
+    for power in powers:
         _sum_posts(faces, nodes, face_nodes, heights, power, bound, matrix, pull)
         change = _solve(faces, face_nodes, matrix, pull, STAY * LEAST_WEIGHT**power, is_free)
         for node in range(len(is_free)):

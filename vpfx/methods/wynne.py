@@ -22,7 +22,7 @@ from vpfx.errors import InputError, InvariantError
 from vpfx.methods import breaks
 from vpfx.methods.base import Method, Patch
 from vpfx.methods.borders import LevelRule
-from vpfx.methods.fit import fit_heights
+from vpfx.methods.fit import FitRule, fit_heights
 from vpfx.methods.forest import Forest
 from vpfx.methods.scan import Candidates, ScanRule, candidates, measure, scan_faces
 from vpfx.methods.settle import SettleRule, settle_faces
@@ -51,7 +51,6 @@ LATER_THIN = 16.0  # ... at levels after the first, whose faces were cut more of
 DECAY = 1.25  # ... unless that of the face times this is greater still
 BOUND_SLACK = 1e-6  # the builder works to the bound less this share, so that rounding never shows a post over it
 SWEEPS = 2  # through the cuts of a level, to undo needless breaks
-STAGES = (1.35, 1.15, 1.05, 1.0, 1.0)  # bounds, of that of the level, that are reached one after the other with --fit
 FIT_SHARE = 0.98  # of the bound: a fitted node keeps so near to the posts' surface
 MOST_LEVELS = 32
 MOST_PASSES = 1000  # a level takes 10 to 40; more is a bug
@@ -69,7 +68,10 @@ DEFAULTS: dict[str, Any] = {
     "start": "grid",
     "start_posts": 200,
 }
-FITS = ("max-error",)
+FITS = {
+    "max-error": FitRule(stages=(1.35, 1.15, 1.05, 1.0, 1.0), powers=(0, 2, 4, 6, 8)),
+    "rmse": FitRule(stages=(1.0, 1.0, 1.0), powers=(0,)),
+}
 PASS_OPTIONS = ("tolerance", "xy_tolerance", "xy_ratio")
 SQUARE = 72  # posts to a side of a start square if nothing is asked; as many in all where posts are not square
 
@@ -87,7 +89,8 @@ class _Mesh:
         self.leaves = np.arange(self.forest.n_face, dtype=np.int32)
         self.residual = np.full(patch.heights.shape, np.nan)
         self.diagonal = DIAGONALS[options["diagonal"]]
-        self.most_thin, self.is_fitted = MOST_THIN, False
+        self.most_thin = MOST_THIN
+        self.fit_rule: FitRule | None = None
         self.least_bound = 16.0 * float(np.spacing(np.fmax.reduce(np.abs(patch.heights), axis=None, initial=0.0)))
         most = max(len(border.rank) for border in patch.borders)
         self.ranks = np.stack([np.pad(b.rank, (0, most - len(b.rank))) for b in patch.borders])
@@ -148,7 +151,7 @@ class _Mesh:
         )
         return to_cut, forest.cut(to_cut, inner_node, is_flipped)
 
-    def fit(self, faces: Faces, first_node: int, bound: float) -> None:
+    def fit(self, faces: Faces, first_node: int, bound: float, powers: tuple[int, ...]) -> None:
         """Fit the heights of nodes to the posts of some leaves: those from the first one on that are on no fixed border."""
         forest = self.forest
         is_free = np.zeros(forest.n_node, bool)
@@ -160,7 +163,9 @@ class _Mesh:
                 line = (0, last[1], last[0], 0)[i]
                 is_free &= forest.nodes[: forest.n_node, 1 - i % 2] != line
         forest.face_error[: forest.n_face] = np.inf
-        fit_heights(faces, forest.nodes, forest.face_nodes, self.patch.heights, is_free, bound, FIT_SHARE * bound)
+        fit_heights(
+            faces, forest.nodes, forest.face_nodes, self.patch.heights, is_free, np.array(powers), bound, FIT_SHARE * bound
+        )
 
     def undo(self, faces: Faces, bound: float) -> None:
         """Undo what turned out needless of the cuts of some faces, in this order."""
@@ -177,26 +182,26 @@ def _reach_bound(mesh: _Mesh, level: int, bound: float) -> None:
         raise too_small
     bound *= 1.0 - BOUND_SLACK
     try:
-        if mesh.is_fitted:
-            _fit_to_bound(mesh, level, bound)
+        if mesh.fit_rule:
+            _fit_to_bound(mesh, level, bound, mesh.fit_rule)
         else:
             mesh.undo(_cut_to_bound(mesh, mesh.leaves, level, bound)[::-1], bound)
     except ZeroDivisionError:  # of a kernel, by the area or the length of nothing
         raise too_small from None
 
 
-def _fit_to_bound(mesh: _Mesh, level: int, bound: float) -> None:
-    """Cut and undo to smaller and smaller bounds, and in between fit the heights of the nodes new at this level."""
+def _fit_to_bound(mesh: _Mesh, level: int, bound: float, rule: FitRule) -> None:
+    """Cut and undo to the bound of each stage, and in between fit the heights of the nodes new at this level."""
     forest = mesh.forest
     first_node = forest.n_node if level else 0
     was_leaf = forest.is_leaf(np.arange(forest.n_face, dtype=np.int32))
-    for share, following in pairwise((*STAGES, 0.0)):
+    for share, following in pairwise((*rule.stages, 0.0)):
         _cut_to_bound(mesh, forest.leaves(mesh.leaves)[0], level, share * bound)
         is_cut = ~forest.is_leaf(np.arange(forest.n_face, dtype=np.int32))
         is_cut[: len(was_leaf)] &= was_leaf
         mesh.undo(np.flatnonzero(is_cut)[::-1].astype(np.int32), share * bound)
         if following:
-            mesh.fit(forest.leaves(mesh.leaves)[0], first_node, bound)
+            mesh.fit(forest.leaves(mesh.leaves)[0], first_node, bound, rule.powers)
 
 
 def _cut_to_bound(mesh: _Mesh, faces: Faces, level: int, bound: float) -> Faces:
@@ -339,7 +344,7 @@ def build(patch: Patch, options: Mapping[str, Any]) -> Hierarchy:
         if rule is not None and rule.repeats:
             is_last = level == len(rules) - 1 and not patch.has_more
             mesh.most_thin = LATER_THIN if level else MOST_THIN
-            mesh.is_fitted = is_last and options["fit"] is not None
+            mesh.fit_rule = FITS.get(options["fit"]) if is_last else None
             _reach_bound(mesh, level, _checked_bounds(options)[level])
         elif rule is not None:
             _one_pass(mesh, level, options)
