@@ -18,7 +18,7 @@ from vpfx.methods.trial import gather_posts, make_room
 
 __all__ = ["FitRule", "fit_heights"]
 
-LEAST_WEIGHT = 0.2  # to the power of a step: posts that are off by less weigh as if they were off by so much of the bound
+LEAST_WEIGHT = 0.2  # of the bound: posts that are off by less weigh as if they were off by so much
 STAY = 1e-3  # weight of a node's own height, of a post of least weight
 MOST_STEPS = 30  # of conjugate gradients
 NEAR_ENOUGH = 1e-6  # share of the squared remainder at the start

@@ -163,9 +163,8 @@ class _Mesh:
                 line = (0, last[1], last[0], 0)[i]
                 is_free &= forest.nodes[: forest.n_node, 1 - i % 2] != line
         forest.face_error[: forest.n_face] = np.inf
-        fit_heights(
-            faces, forest.nodes, forest.face_nodes, self.patch.heights, is_free, np.array(powers), bound, FIT_SHARE * bound
-        )
+        nodes, face_nodes, heights = forest.nodes, forest.face_nodes, self.patch.heights
+        fit_heights(faces, nodes, face_nodes, heights, is_free, np.array(powers), bound, FIT_SHARE * bound)
 
     def undo(self, faces: Faces, bound: float) -> None:
         """Undo what turned out needless of the cuts of some faces, in this order."""
