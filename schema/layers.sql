@@ -5,7 +5,7 @@
 CREATE VIEW node_{level} AS
 SELECT node_id AS OGC_FID,
   CAST(X'47500001{srs}' || X'01E9030000' || xyz AS BLOB) AS geom,
-  node_id, level AS first_level, tile_id, z
+  node_id, level AS first_level, tile_id, z, z_parent
 FROM node WHERE level <= {level};
 
 CREATE VIEW edge_{level} AS

@@ -28,6 +28,13 @@ CREATE TABLE level (                       -- R-120: one complete TIN each
   border_digest BLOB NOT NULL              -- R-140: BLAKE2b, 16 bytes, over the nodes new at this level and the edges on borders between tiles
 );
 
+CREATE TABLE level_cut (                   -- R-122: cuts made on the way to each level
+  level INTEGER NOT NULL REFERENCES level(level), -- level
+  kind TEXT NOT NULL,                      -- one edge, two edges, three edges, centre, centre and one edge
+  cut_count INTEGER NOT NULL,              -- faces cut so
+  PRIMARY KEY (level, kind)
+);
+
 CREATE TABLE tile (                        -- R-130: the extent, cut
   tile_id INTEGER PRIMARY KEY,             -- 1…n, west to east, then south to north
   tile_name TEXT NOT NULL UNIQUE,          -- r<row>c<column>, from the south-west
@@ -59,6 +66,7 @@ CREATE TABLE node (                        -- R-150: corners of faces
   x DOUBLE NOT NULL,                       -- CRS units
   y DOUBLE NOT NULL,                       -- CRS units
   z DOUBLE NOT NULL,                       -- metres
+  z_parent DOUBLE,                         -- metres: surface of the level before the node's first at its place; NULL on level 0, and where levels are not nested
   xyz BLOB NOT NULL                        -- the same as three little-endian doubles (VPF type Y), for the layers
 );
 
@@ -88,6 +96,15 @@ CREATE TABLE face (                        -- R-170: triangles of every level
   slope_centidegrees INTEGER NOT NULL,     -- steepness, hundredths of a degree, 0 is level ground
   aspect_centidegrees INTEGER              -- direction of steepest descent, hundredths of a degree clockwise from grid north; NULL: level
 );
+
+CREATE TABLE t_junction (                  -- R-190: nodes inside edges; none where the method keeps faces adjacent
+  edge_id INTEGER NOT NULL,                -- edge of one face
+  node_id INTEGER NOT NULL,                -- node inside it, of the same level
+  tile_id INTEGER NOT NULL,                -- tile
+  level INTEGER NOT NULL,                  -- level
+  gap DOUBLE NOT NULL,                     -- metres: height of the node less that of the edge there
+  PRIMARY KEY (edge_id, node_id)
+) WITHOUT ROWID;
 
 CREATE TABLE parent_child (                -- R-180: links between a level and the next finer one
   child_face INTEGER NOT NULL,             -- face of level k + 1

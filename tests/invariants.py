@@ -4,7 +4,7 @@
 level on stdout, the first defect on stderr, exit status 0 or 1 (2: usage, 3: a file cannot be read).
 
 The parts: `invariants_mesh` (one level as a mesh, links), `invariants_ground` (a level against the posts),
-`invariants_store` (tables and winged edges).
+`invariants_store` (tables and winged edges), `invariants_levels` (T-junctions, heights of the level before).
 """
 
 from __future__ import annotations
@@ -19,9 +19,11 @@ from typing import Any, NamedTuple
 import numpy as np
 import rasterio.errors
 from invariants_ground import Measured, Posts, find_ground, judge_bound, judge_cover
+from invariants_levels import judge_junctions, judge_z_parent
 from invariants_mesh import (
     PLAIN,
     UNIT,
+    Border,
     Label,
     border_length,
     coordinate_tolerance,
@@ -30,7 +32,15 @@ from invariants_mesh import (
     require,
     total_area,
 )
-from invariants_store import Level, Tables, judge_edges, read_level, read_posts, read_tables, register
+from invariants_store import (
+    Level,
+    Tables,
+    judge_edges,
+    read_level,
+    read_posts,
+    read_tables,
+    register,
+)
 
 __all__ = [
     "Figures",
@@ -68,9 +78,10 @@ def judge_tin(
     is_filled: Any = None,
     posts: Any = None,
     expected_area: float | None = None,
+    is_adjacent: bool = True,
     label: Label = PLAIN,
-) -> int:
-    """Judge one level as a mesh and, given `posts`, that it tiles their ground; return the number of edges.
+) -> Border:
+    """Judge one level as a mesh and, given `posts`, that it tiles their ground; return its edges.
 
     Parameters
     ----------
@@ -84,6 +95,8 @@ def judge_tin(
         The lattice; without it, outline, area and Euler characteristic are not judged.
     expected_area : float, optional
         Area in squared CRS units, for callers without a lattice.
+    is_adjacent : bool
+        Whether T-junctions are a defect.
 
     Raises
     ------
@@ -91,21 +104,23 @@ def judge_tin(
         Something is wrong; the message names level, face and node.
     """
     faces = np.asarray(face_nodes, np.int64)
-    half, n_edge = judge_mesh(nodes, faces, label=label)
+    border = judge_mesh(nodes, faces, is_adjacent=is_adjacent, label=label)
     if expected_area is not None:
         xy = np.asarray(nodes, np.float64)[:, :2]
-        slack = coordinate_tolerance(xy) * border_length(xy, faces, half) + 4 * UNIT * abs(expected_area)
+        slack = coordinate_tolerance(xy) * border_length(xy, faces, border.half) + 4 * UNIT * abs(expected_area)
         area = total_area(xy, faces)
         label.accuse(abs(area - expected_area) > slack, lambda _: f"faces cover {area!r}, expected {expected_area!r}")
     if posts is not None:
         filled = np.zeros(len(faces), bool) if is_filled is None else np.asarray(is_filled, bool)
         if filled.any():
             whole = find_ground(np.zeros(posts.heights.shape))
-            judge_cover(nodes, faces, posts, whole, label=label)
+            judge_cover(nodes, faces, posts, whole, border=border, label=label)
             label = label._replace(face_ids=np.arange(len(faces)) if label.face_ids is None else label.face_ids)
             label = label._replace(face_ids=label.face_ids[~filled])
-        judge_cover(nodes, faces[~filled], posts, find_ground(posts.heights), label=label)
-    return n_edge
+        if is_adjacent or not filled.any():
+            own = border if not filled.any() else None
+            judge_cover(nodes, faces[~filled], posts, find_ground(posts.heights), border=own, label=label)
+    return border
 
 
 def judge_figures(measured: Measured, bound: float, max_error: float, rmse: float, label: Label) -> None:
@@ -128,8 +143,8 @@ def judge_bounds_fall(bounds: list[float]) -> None:
         require(not fine > coarse, f"level {level}: its bound {fine!r} is above the {coarse!r} of the level before")
 
 
-def judge_hierarchy(hierarchy: Any, grid: Any) -> list[Figures]:
-    """Judge a `Hierarchy` of nested levels against the `Grid` it was built from.
+def judge_hierarchy(hierarchy: Any, grid: Any, *, is_adjacent: bool = True) -> list[Figures]:
+    """Judge a `Hierarchy` of nested levels against the `Grid` it was built from; T-junctions may be allowed.
 
     Raises
     ------
@@ -142,9 +157,13 @@ def judge_hierarchy(hierarchy: Any, grid: Any) -> list[Figures]:
     for k, faces in enumerate(h.level_faces):
         label = Label(k)
         nodes = h.nodes[: np.searchsorted(h.node_level, k, side="right")]
-        n_edge = judge_tin(nodes, faces, is_filled=h.face_is_filled[k], posts=grid, label=label)
+        border = judge_tin(
+            nodes, faces, is_filled=h.face_is_filled[k], posts=grid, is_adjacent=is_adjacent, label=label
+        )
         bound = h.max_error_bound[k]
-        measured = judge_bound(nodes, faces, h.face_is_filled[k], grid, bound=bound, label=label)
+        measured = judge_bound(
+            nodes, faces, h.face_is_filled[k], grid, bound=bound, is_adjacent=is_adjacent, label=label
+        )
         n_post = h.n_post[k]
         require(n_post == measured.n_post, f"level {k}: n_post is {n_post}, measured {measured.n_post}")
         judge_figures(measured, bound, h.max_error[k], math.sqrt(h.squared_error[k] / max(n_post, 1)), label)
@@ -155,7 +174,11 @@ def judge_hierarchy(hierarchy: Any, grid: Any) -> list[Figures]:
             judge_links(
                 nodes, h.level_faces[k - 1], faces, links, is_filled=flags, label=label, parent_label=Label(k - 1)
             )
-        figures.append(Figures(k, bound, measured.max_error, measured.rmse, n_post, len(nodes), n_edge, len(faces)))
+            is_new = h.node_level[: len(nodes)] == k
+            judge_z_parent(nodes, h.node_z_parent, faces, h.level_faces[k - 1], links, is_new, label)
+        figures.append(
+            Figures(k, bound, measured.max_error, measured.rmse, n_post, len(nodes), border.n_edge, len(faces))
+        )
     return figures
 
 
@@ -202,12 +225,20 @@ def _judge_level(level: Level, row: tuple[Any, ...], posts: Any) -> Figures:
     label, counts = level.label, (len(level.nodes), len(level.edge_ids), len(level.faces))
     bound, max_error, rmse = _number(row[1], math.nan), _number(row[2]), _number(row[3])
     label.accuse(row[4:] != counts, lambda _: f"table level: found {row[4:]} nodes, edges and faces, counted {counts}")
-    n_edge = judge_tin(level.nodes, level.faces, is_filled=level.is_filled, posts=posts, label=label)
-    label.accuse(n_edge != counts[1], lambda _: f"table edge: found {counts[1]} edges, the faces have {n_edge}")
+    is_adjacent = len(level.junctions) == 0
+    border = judge_tin(
+        level.nodes, level.faces, is_filled=level.is_filled, posts=posts, is_adjacent=is_adjacent, label=label
+    )
+    label.accuse(
+        border.n_edge != counts[1], lambda _: f"table edge: found {counts[1]} edges, the faces have {border.n_edge}"
+    )
+    judge_junctions(level, border)
     judge_edges(level)
     if posts is None:
         return Figures(row[0], bound, math.nan, math.nan, 0, *counts)
-    measured = judge_bound(level.nodes, level.faces, level.is_filled, posts, bound=bound, label=label)
+    measured = judge_bound(
+        level.nodes, level.faces, level.is_filled, posts, bound=bound, is_adjacent=is_adjacent, label=label
+    )
     judge_figures(measured, bound, max_error, rmse, label)
     return Figures(row[0], bound, measured.max_error, measured.rmse, measured.n_post, *counts)
 
@@ -225,6 +256,11 @@ def _judge_step(tables: Tables, parent: Level, child: Level) -> None:
         label=child.label,
         parent_label=parent.label,
     )
+    if child.z_parent is not None:
+        is_new = tables.node_level[: len(child.nodes)] == child.label.level
+        judge_z_parent(
+            child.nodes, child.z_parent, child.faces, parent.faces, np.stack(links, axis=1), is_new, child.label
+        )
 
 
 def main(arguments: list[str]) -> int:

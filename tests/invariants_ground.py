@@ -16,6 +16,7 @@ from invariants_mesh import (
     CHUNK,
     PLAIN,
     UNIT,
+    Border,
     Label,
     border_halves,
     border_length,
@@ -122,8 +123,15 @@ def _runs(sides: list[Any]) -> tuple[Any, Any, Any]:
     return key[is_first], low[is_first], low[np.roll(is_first, -1)] + 1
 
 
-def judge_cover(nodes: Any, face_nodes: Any, posts: Any, ground: Ground, *, label: Label = PLAIN) -> float:
+def judge_cover(
+    nodes: Any, face_nodes: Any, posts: Any, ground: Ground, *, border: Border | None = None, label: Label = PLAIN
+) -> float:
     """Judge that faces which `judge_mesh` has passed tile exactly the ground; return their area.
+
+    Parameters
+    ----------
+    border : Border, optional
+        What `judge_mesh` found; needed where there may be T-junctions.
 
     The sides with one face must run once along every run of the outline, ground on their left; area and Euler
     characteristic must then agree too and are compared as further witnesses.
@@ -133,6 +141,8 @@ def judge_cover(nodes: Any, face_nodes: Any, posts: Any, ground: Ground, *, labe
         label.accuse(len(faces) > 0, lambda _: "faces, but no ground with data")
         return 0.0
     half, n_edge = border_halves(faces, len(xy), label)
+    if border is not None:
+        half, n_edge = border.half, border.n_edge - len(border.long)  # of two edges side by side the shorter ones count
     start, end = faces.ravel()[half], np.roll(faces, -1, axis=1).ravel()[half]
     tolerance = coordinate_tolerance(xy, _far_corner(posts))
     slack = tolerance / np.array([posts.dx, posts.dy])
@@ -242,8 +252,9 @@ def _planes(nodes: Any, faces: Any, number: Any, tolerance: tuple[float, float],
 
 
 def judge_bound(
-    nodes: Any, face_nodes: Any, is_filled: Any, posts: Any, *, bound: float = math.nan, label: Label = PLAIN
-) -> Measured:
+    nodes: Any, face_nodes: Any, is_filled: Any, posts: Any, *, bound: float = math.nan, is_adjacent: bool = True,
+    label: Label = PLAIN,
+) -> Measured:  # fmt: skip
     """Judge that each post of the ground is covered and lies within `bound` of the surface; measure the errors.
 
     Parameters
@@ -256,6 +267,8 @@ def judge_bound(
         The lattice with heights in metres.
     bound : float
         Metres; NaN if there is none.
+    is_adjacent : bool
+        Whether faces agree on their edges; else the one that is farthest off counts.
 
     Returns
     -------
@@ -276,7 +289,7 @@ def judge_bound(
         return Measured(0.0, 0.0, 0.0, 0, 0.0, 0.0, 0.0)
     highest = max(np.abs(nodes[:, 2]).max(), np.nanmax(np.abs(posts.heights)))
     planes = _planes(nodes, faces[number], number, (tolerance, float(np.spacing(highest))), label)
-    best, face = _interpolate(planes, posts, tolerance, label)
+    best, face = _interpolate(planes, posts, tolerance, is_adjacent, label)
     n_col = posts.heights.shape[1]
     label.accuse(has_post & (face < 0), lambda i: f"post {divmod(i, n_col)}: no face covers it")
     best, face, post = best[has_post], face[has_post], np.flatnonzero(has_post)
@@ -294,16 +307,17 @@ def judge_bound(
     )
 
 
-def _interpolate(planes: _Planes, posts: Any, tolerance: float, label: Label) -> tuple[Any, Any]:
+def _interpolate(planes: _Planes, posts: Any, tolerance: float, is_adjacent: bool, label: Label) -> tuple[Any, Any]:
     """Vertical error at every post (infinite where no face is) and the face, as a row of `planes`, it was taken from.
 
     A post on an edge or node is in several faces, which agree there up to the rounding of coordinates; the least error
-    counts. A post beside a face by less than the tolerance takes the height of the nearest place of the face.
+    counts, or, without `is_adjacent`, the greatest. A post beside a face by less than the tolerance takes the height of the
+    nearest place of the face.
     """
     n_row, n_col = posts.heights.shape
     heights = np.ascontiguousarray(posts.heights, np.float64).ravel()
     xs, ys = posts.x0 + np.arange(n_col) * posts.dx, posts.y0 + np.arange(n_row) * posts.dy
-    best, owner = np.full(heights.size, np.inf), np.full(heights.size, -1, np.int32)
+    best, owner = np.full(heights.size, np.inf if is_adjacent else -np.inf), np.full(heights.size, -1, np.int32)
     u, v = (planes.corners[:, :, 0] - posts.x0) / posts.dx, (planes.corners[:, :, 1] - posts.y0) / posts.dy
     pad = 2 * tolerance / posts.dx, 2 * tolerance / posts.dy
     for face, row, col in _pairs(u, v, (n_row, n_col), pad):
@@ -325,7 +339,7 @@ def _interpolate(planes: _Planes, posts: Any, tolerance: float, label: Label) ->
             ),
         )
         post, error, face = post[is_in], error[is_in], face[is_in]
-        np.minimum.at(best, post, error)
+        (np.minimum if is_adjacent else np.maximum).at(best, post, error)
         is_best = error == best[post]
         owner[post[is_best]] = face[is_best]
     return best, owner

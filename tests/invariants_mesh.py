@@ -5,6 +5,7 @@ Signs and areas are exact: floats with a forward error bound decide what they ca
 
 from __future__ import annotations
 
+import itertools
 import math
 from fractions import Fraction
 from typing import Any, NamedTuple
@@ -112,8 +113,24 @@ def total_area(xy: Any, faces: Any) -> float:
     return math.fsum(np.concatenate(parts).tolist()) / 2
 
 
-def judge_mesh(nodes: Any, face_nodes: Any, *, label: Label = PLAIN) -> tuple[Any, int]:
-    """Judge turns, places, use, edges and T-junctions; return the sides with one face and the number of edges."""
+class Border(NamedTuple):
+    """Edges of a mesh that `judge_mesh` has passed.
+
+    Sides are ``3 * face + corner`` of their first node.
+    """
+
+    n_edge: int
+    half: Any  # sides with one face and nothing across: the outline
+    long: Any  # sides with a node inside, and the shorter sides of other faces across
+    junctions: Any  # (n, 2) node, and the long side it lies inside
+
+
+def judge_mesh(nodes: Any, face_nodes: Any, *, is_adjacent: bool = True, label: Label = PLAIN) -> Border:
+    """Judge turns, places, use, edges and T-junctions.
+
+    Without `is_adjacent`, T-junctions may be: then the sides of other faces must run along each edge with a node inside, from
+    end to end.
+    """
     nodes, faces = np.asarray(nodes, np.float64), np.asarray(face_nodes, np.int64)
     label.accuse(len(faces) == 0, lambda _: "no faces")
     label.accuse(~np.isfinite(nodes).all(axis=1), lambda i: f"{label.node(i)}: a coordinate is not a finite number")
@@ -123,8 +140,40 @@ def judge_mesh(nodes: Any, face_nodes: Any, *, label: Label = PLAIN) -> tuple[An
     _judge_turns(xy, faces, label)
     _judge_places(xy, faces, label)
     half, n_edge = border_halves(faces, len(nodes), label)
-    _judge_junctions(xy, faces, half, label)
-    return half, n_edge
+    junctions = find_junctions(xy, faces, half)
+    if is_adjacent:
+
+        def text(i: int) -> str:
+            node, side = junctions[i]
+            start, end = faces[side // 3, side % 3], faces[side // 3, (side + 1) % 3]
+            edge = f"edge {label.node(start)} – {label.node(end)} of {label.face(side // 3)}"
+            return f"T-junction: {label.node(node)} lies within {edge}"
+
+        label.accuse(np.ones(len(junctions), bool), text)
+    long = np.unique(junctions[:, 1])
+    return Border(n_edge, np.setdiff1d(half, _judge_slits(xy, faces, half, junctions, label)), long, junctions)
+
+
+def _judge_slits(xy: Any, faces: Any, half: Any, junctions: Any, label: Label) -> Any:
+    """Shorter sides run along each side with a node inside, the other way, from end to end; return all these sides."""
+    start, end = faces.ravel(), np.roll(faces, -1, axis=1).ravel()
+    ways = {(int(start[h]), int(end[h])): int(h) for h in half} if len(junctions) else {}
+    inside: dict[int, list[int]] = {}
+    for node, side in junctions.tolist():
+        inside.setdefault(side, []).append(node)
+    found = []
+    for side, nodes in inside.items():
+        along = xy[end[side]] - xy[start[side]]
+        nodes.sort(key=lambda node: float((xy[node] - xy[start[side]]) @ along))
+        chain = [int(start[side]), *nodes, int(end[side])]
+        across = [ways.get((b, a), -1) for a, b in itertools.pairwise(chain)]
+        label.accuse(
+            np.array(across) < 0,
+            lambda i, chain=chain: f"no edge {label.node(chain[i + 1])} – {label.node(chain[i])} along a longer one",
+        )
+        found += [side, *across]
+    label.accuse(np.diff(np.sort(found)) == 0, lambda _: "a side lies along two longer ones")
+    return np.array(found, np.int64)
 
 
 def _judge_turns(xy: Any, faces: Any, label: Label) -> None:
@@ -177,8 +226,8 @@ def border_length(xy: Any, faces: Any, half: Any) -> float:
     return float(np.hypot(*(xy[end] - xy[start]).T).sum())
 
 
-def _judge_junctions(xy: Any, faces: Any, half: Any, label: Label) -> None:
-    """No node lies within an edge that has one face.
+def find_junctions(xy: Any, faces: Any, half: Any) -> Any:
+    """Nodes that lie within an edge that has one face: (n, 2) node and side.
 
     Nodes are sorted into ``n × n`` cells, column by column; an edge meets in each column of cells a run of cells, whose
     nodes lie together.
@@ -206,6 +255,7 @@ def _judge_junctions(xy: Any, faces: Any, half: Any, label: Label) -> None:
     row_1 = to_cell(np.minimum(*ends) - 2 * tolerance, 1)
     row_2 = to_cell(np.maximum(*ends) + 2 * tolerance, 1)
     first, last = begin[column * n + row_1], begin[column * n + row_2 + 1]
+    found = [np.empty((0, 2), np.int64)]
     for part in chunks(last - first):
         owner, at = ragged(first[part], (last - first)[part])
         node, side = order[at], edge[part][owner]
@@ -214,14 +264,9 @@ def _judge_junctions(xy: Any, faces: Any, half: Any, label: Label) -> None:
         along, to_node = xy[end[side]] - xy[start[side]], xy[node] - xy[start[side]]
         length2, dot = (along * along).sum(axis=1), (along * to_node).sum(axis=1)
         offset = np.abs(along[:, 0] * to_node[:, 1] - along[:, 1] * to_node[:, 0])
-        is_wrong = (offset <= tolerance * np.sqrt(length2)) & (dot > 0) & (dot < length2)
-        label.accuse(
-            is_wrong,
-            lambda i, node=node, side=side: (
-                f"T-junction: {label.node(node[i])} lies within edge {label.node(start[side[i]])} – "
-                f"{label.node(end[side[i]])} of {label.face(half[side[i]] // 3)}"
-            ),
-        )
+        is_inside = (offset <= tolerance * np.sqrt(length2)) & (dot > 0) & (dot < length2)
+        found.append(np.stack([node, half[side]], axis=1)[is_inside])
+    return np.unique(np.concatenate(found), axis=0)
 
 
 def _cross_at(west: Any, east: Any, x: Any, shift: float) -> Any:

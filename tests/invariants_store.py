@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+import math
 import sqlite3
 from fractions import Fraction
 from pathlib import Path
@@ -36,6 +37,9 @@ REGISTRATION = 1e-6
 PRINTED = 1e-9
 """Part of itself by which a spacing may differ between two accounts of it: files print some ten digits."""
 
+BESIDE = 1e-7
+"""Directions nearer to each other than this many radians, with nothing between, are those of edges along a longer one."""
+
 MOSAIC = 1e-3
 """Part of a spacing by which the posts of files of one lattice may lie apart: far less than a lattice of their own."""
 
@@ -56,6 +60,7 @@ class Tables(NamedTuple):
     face_ids: Any  # of all levels, ascending
     face_level: Any
     links: Any  # (n_link, 2) face ids: parent, child
+    z_parent: Any  # (n_node,) NaN for NULL; None where the store has no such column
 
 
 class Level(NamedTuple):
@@ -70,6 +75,9 @@ class Level(NamedTuple):
     ends: Any  # (n_edge, 2) start, end
     sides: Any  # (n_edge, 2) left, right face
     wings: Any  # (n_edge, 2) left, right edge
+    junctions: Any  # (n, 2) node inside an edge, edge
+    gaps: Any  # (n,) height of the node less that of the edge
+    z_parent: Any  # (n_node,) NaN for NULL; None where the store has no such column
 
 
 def read_posts(*paths: Any) -> Posts:
@@ -139,9 +147,29 @@ def read_tables(path: Any) -> Tables:
     _judge_blobs(connection, node_rows[:, 0], nodes)
     _ids(connection, "node"), _ids(connection, "edge"), _ids(connection, "face")
     faces = _integers(connection, "face", ("face_id", "level"))
-    tables = Tables(connection, levels, tile_ids, tiles, node_rows[:, 0], node_rows[:, 2], nodes, *faces.T, None)
+    tables = Tables(
+        connection,
+        levels,
+        tile_ids,
+        tiles,
+        node_rows[:, 0],
+        node_rows[:, 2],
+        nodes,
+        *faces.T,
+        None,
+        _read_z_parent(connection),
+    )
     _judge_extent(tables, "node", node_rows[:, 0], node_rows[:, 1], nodes[:, None, :2])
     return tables._replace(links=_read_links(tables))
+
+
+def _read_z_parent(connection: Any) -> Any:
+    """Read the heights of the level before at the nodes."""
+    if "z_parent" not in [row[1] for row in connection.execute("PRAGMA table_info(node)")]:
+        return None
+    values = [row[0] for row in connection.execute("SELECT z_parent FROM node ORDER BY level, node_id")]
+    require(all(value is None or isinstance(value, float) for value in values), "table node: z_parent is no number")
+    return np.array([math.nan if value is None else value for value in values], np.float64)
 
 
 def _integers(
@@ -253,7 +281,23 @@ def read_level(tables: Tables, level: int) -> Level:
         ends,
         lookup("face", edge_rows, 5, 2)[:, ::-1],
         lookup("edge", edge_rows, 7, 2)[:, ::-1],
+        *_read_junctions(tables, level, by_id, edge_ids),
+        tables.z_parent if tables.z_parent is None else tables.z_parent[:n_node],
     )
+
+
+def _read_junctions(tables: Tables, level: int, by_id: Any, edge_ids: Any) -> tuple[Any, Any]:
+    """Nodes inside edges as the store tells them, and their gaps; none where the store has no such table."""
+    if not tables.connection.execute("SELECT 1 FROM sqlite_schema WHERE name = 't_junction'").fetchone():
+        return np.empty((0, 2), np.int64), np.empty(0)
+    sql = f"SELECT node_id, edge_id, gap FROM t_junction WHERE level = {level} ORDER BY edge_id, node_id"
+    rows = tables.connection.execute(sql).fetchall()
+    wrong = [row for row in rows if not all(isinstance(v, k) for v, k in zip(row, (int, int, float), strict=True))]
+    require(not wrong, f"table t_junction: found {wrong[:1]}, expected a node, an edge and a gap")
+    node_ids, edges, gaps = (np.array([row[i] for row in rows]) for i in range(3))
+    node = _to_index(tables.node_ids[by_id], node_ids.astype(np.int64), lambda i: f"t_junction: node {node_ids[i]}")
+    edge = _to_index(edge_ids, edges.astype(np.int64), lambda i: f"t_junction: edge {edges[i]} of level {level}")
+    return np.stack([by_id[node], edge], axis=1), gaps.astype(np.float64)
 
 
 def _read_flags(connection: Any, label: Label) -> Any:
@@ -303,16 +347,18 @@ def judge_edges(level: Level) -> None:
             f"{label.node(first[h])} and {label.node(second[h])}"
         ),
     )
-    following = next_around(level.nodes[:, :2], start, end).reshape(2, -1) % len(start)
+    has_left = (level.sides >= 0).T.ravel() if len(level.junctions) else None
+    following = next_around(level.nodes[:, :2], start, end, has_left).reshape(2, -1) % len(start)
     for i, column in enumerate(("left_edge", "right_edge")):
         compare(column, level.wings[:, i], following[i], lambda e: f"edge {level.edge_ids[e]}")
 
 
-def next_around(xy: Any, start: Any, end: Any) -> Any:
+def next_around(xy: Any, start: Any, end: Any, has_left: Any = None) -> Any:
     """For each edge leaving its start, then for each leaving its end: the next leaving that node counter-clockwise.
 
     Edge e leaves its start as e and its end as ``n_edge + e``. Angles sort them; where two are too near each other for
-    floats, all edges of that node are sorted exactly.
+    floats, all edges of that node are sorted exactly. Where there are T-junctions, two edges may run side by side: the one
+    without a face to its left (`has_left`, in this order of edges) is met first.
     """
     origin, target = np.concatenate([start, end]), np.concatenate([end, start])
     angle = np.arctan2(*(xy[target] - xy[origin] + 0.0).T[::-1])  # + 0.0: no direction is at -π
@@ -327,6 +373,12 @@ def next_around(xy: Any, start: Any, end: Any) -> Any:
     for i in np.unique(np.searchsorted(last, np.flatnonzero(gap < ANGLE))):
         fan = order[first[i] : last[i] + 1]
         order[first[i] : last[i] + 1] = _sort_around(xy, origin[fan[0]], target[fan], fan)
+    if has_left is not None:
+        run = np.searchsorted(last, np.arange(len(order)))
+        for i in np.flatnonzero((np.abs(gap) < BESIDE) & (first[run] != last[run])):
+            j = first[run[i]] if i == last[run[i]] else i + 1
+            if has_left[order[i]] and not has_left[order[j]]:
+                order[i], order[j] = order[j], order[i]
     following = np.roll(order, -1)
     following[last] = order[first]
     result = np.empty_like(order)

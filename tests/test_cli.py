@@ -111,7 +111,7 @@ BAD_BUILDS = {
     "unknown diagonal": ([DEM, "--diagonal", "longer"], USAGE, r"found diagonal 'longer', expected one of"),
     "unknown fit": ([DEM, "--fit", "median"], USAGE, r"found fit 'median', expected one of: max-error, rmse"),
     "fit without a bound": ([DEM, "--passes", "1", "--fit"], USAGE, r"found fit without max_error"),
-    "unknown start": ([DEM, "--start", "hexagon"], USAGE, r"found start 'hexagon', expected grid or delaunay"),
+    "unknown start": ([DEM, "--start", "hexagon"], USAGE, r"found start 'hexagon', expected one of: grid, delaunay"),
     "negative start posts": ([DEM, "--start", "delaunay", "--start-posts", "-5"], USAGE, r"start.posts"),
     "huge seed": ([DEM, "--seed", "9" * 30], USAGE, r"seed"),
     "bbox outside": ([DEM, "--bbox", "0,0,1,1"], USAGE, r"found 0 × 0 posts inside .*expected at least 2 × 2"),

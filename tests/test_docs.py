@@ -179,7 +179,10 @@ def named_options(text):
 
 def test_named_options_exist():
     """Options in the README, the pages and the messages of vpfx are those of the commands."""
-    known = {text for _, option in options() for text in option.opts} | {"--help", "--version"}
+    known = {text for _, option in options() for text in (*option.opts, *option.secondary_opts)} | {
+        "--help",
+        "--version",
+    }
     for path in (ROOT / "README.md", *sorted((ROOT / "specs").glob("*.md"))):
         assert named_options(read(path)) <= known, path.name
     for path in sorted((ROOT / "vpfx").rglob("*.py")):

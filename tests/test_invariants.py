@@ -73,6 +73,7 @@ def example():
         max_error=[float(e.max()) for e in errors],
         squared_error=[float((e * e).sum()) for e in errors],
         n_post=[len(e) for e in errors],
+        node_z_parent=np.array([*[math.nan] * 6, nodes[0, 2] + 0.3 * (nodes[5, 2] - nodes[0, 2])]),
     ), posts
 
 
@@ -97,6 +98,7 @@ def _add_node(h, place, posts, faces):
     u, v = place
     h.nodes = np.vstack([h.nodes, (posts.x0 + u * posts.dx, posts.y0 + v * posts.dy, 12)])
     h.node_level = np.append(h.node_level, 1)
+    h.node_z_parent = np.append(h.node_z_parent, 0.0)
     h.level_faces[1] = np.array(faces)
     h.face_is_filled[1] = np.zeros(len(faces), bool)
 
@@ -177,6 +179,8 @@ MUTATIONS = {
     "two parents": (_set("links", 0, np.vstack([LINKS, (0, 5)])), "level 1: face 5: 2 parents, expected one"),
     "link to nowhere": (_set("links", (5, 1), 6, 0), "level 1: link .*: no such face"),
     "unsorted links": (_set("links", slice(0, 2), [(0, 1), (0, 0)], 0), "level 1: link 1: links are not sorted"),
+    "height of the level before": (_set("node_z_parent", 6, 10.31), "level 1: node 6: z_parent is .*10.31"),
+    "no height of the level before": (_set("node_z_parent", 6, math.nan), "level 1: node 6: z_parent is .*nan"),
     "flag not inherited": (_set("face_is_filled", 5, True, 1), "no other face|lie on the outline"),
 }
 
@@ -188,6 +192,29 @@ def test_broken_hierarchy_is_found(name):
     mutate(hierarchy, posts)
     with pytest.raises(AssertionError, match=message):
         invariants.judge_hierarchy(hierarchy, posts)
+
+
+def test_t_junctions_may_be_allowed():
+    """Then the sides across have to run along the longer one, and the greatest error at a post counts."""
+    hierarchy, posts = example()
+    _half_split(hierarchy, posts)
+    nodes, faces = hierarchy.nodes, hierarchy.level_faces[1]
+    border = invariants.judge_tin(nodes, faces, posts=posts, is_adjacent=False)
+    assert border.junctions.tolist() == [[6, 6]]  # side 0 of face 2
+    with pytest.raises(AssertionError, match=r"does not lie on the outline|no edge .* along a longer one"):
+        invariants.judge_tin(nodes, np.delete(faces, 1, axis=0), posts=posts, is_adjacent=False)
+    nodes[6, :2] = to_nodes(np.array([[1.0, 1.0]]), 0.0, posts)[0, :2]  # on a post
+    errors = []
+    for z in (posts.heights[1, 1], 50.0):
+        nodes[6, 2] = z
+        measured = [
+            invariants.judge_bound(nodes, faces, np.zeros(5, bool), posts, is_adjacent=is_adjacent)
+            for is_adjacent in (True, False)
+        ]
+        errors.append([m.squared_error for m in measured])
+    across = posts.heights[1, 1] - (nodes[0, 2] + nodes[5, 2]) / 2
+    assert errors[0][1] - errors[0][0] == pytest.approx(across**2)
+    assert errors[1][1] > errors[1][0]
 
 
 def test_voids():

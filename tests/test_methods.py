@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import dataclasses
+import re
+from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 import pytest
@@ -16,7 +19,35 @@ from vpfx.methods.wynne import FITS
 from vpfx.model import Grid
 from vpfx.pipeline import build_hierarchy
 
-BOUNDED = [name for name, method in METHODS.items() if "max_error" in method.defaults]
+SPECS = Path(__file__).resolve().parents[1] / "specs/methods.md"
+
+
+class Case(NamedTuple):
+    """A row of the table of specs/methods.md M-490: a method, its options and what it keeps."""
+
+    method: str
+    options: dict[str, bool]
+    adjacent: bool
+    nested: bool
+    bounded: bool
+    tiled: bool
+
+
+def read_cases():
+    """Return the rows of the table by method and options."""
+    found = {}
+    section = SPECS.read_text(encoding="utf-8").split("### M-490")[1].split("###")[0]
+    for method, option, *kept in re.findall(
+        r"^\| `(\w+)` \| (.*?) ?\| (\w+) \| (\w+) \| (\w+) \| (\w+) \|$", section, re.M
+    ):
+        assert set(kept) <= {"yes", "no"}
+        name = option.strip("`- ").replace("-", "_")
+        options = {name: True} if name in METHODS[method].defaults else {}
+        found[f"{method} {option.strip('`')}".strip()] = Case(method, options, *(word == "yes" for word in kept))
+    return found
+
+
+CASES = read_cases()
 PASSES = {
     "start grid only": {"passes": 0},
     "one pass": {"passes": 1},
@@ -43,7 +74,7 @@ def scaled(options, grid):
 
 def arrays_of(h):
     """All arrays of a hierarchy as bytes, and its numbers."""
-    arrays = [h.nodes, h.node_level, *h.level_faces, *h.links, *h.face_is_filled]
+    arrays = [h.nodes, h.node_level, h.node_z_parent, h.cuts, *h.level_faces, *h.links, *h.face_is_filled]
     numbers = h.max_error_bound, h.max_error, h.squared_error, h.n_post
     return [(array.dtype, array.shape, array.tobytes()) for array in arrays], np.array(numbers).tobytes()
 
@@ -57,15 +88,51 @@ def plan_area(h, level, grid):
 # --- every surface ----------------------------------------------------------------------------------------------------
 
 
+def test_the_page_tells_of_every_method():
+    assert {case.method for case in CASES.values()} == set(METHODS)
+    for name, method in METHODS.items():
+        rows = [case for case in CASES.values() if case.method == name]
+        for kept in ("adjacent", "nested", "bounded", "tiled"):
+            assert all(getattr(case, kept) for case in rows) == getattr(method, kept), (name, kept)
+        assert method.bounded == ("max_error" in method.defaults)
+
+
 @pytest.mark.parametrize("surface", SURFACES)
-@pytest.mark.parametrize("fit", [None, *FITS])
-@pytest.mark.parametrize("method", BOUNDED)
-def test_bounded_levels_hold_their_bounds(method, fit, surface):
+@pytest.mark.parametrize("case", CASES)
+@pytest.mark.parametrize("mode", ["bounds", "passes", "small squares", "filled"])
+def test_methods_keep_what_they_say(mode, case, surface):
+    grid, case = SURFACES[surface], CASES[case]
+    modes = {
+        "bounds": {"max_error": bounds_of(grid, 0.5, 0.2) if "total" in case.options else bounds_of(grid)},
+        "passes": {"passes": 3},
+        "small squares": {"passes": 2, "grid": (3, 2), "tolerance": 0.05 * relief_of(grid)},
+        "filled": {"passes": 2, "fill": True},
+    }
+    if mode == "bounds" and not case.bounded:
+        with pytest.raises(InputError, match="cannot hold a bound"):
+            build_hierarchy(grid, method=case.method, **modes[mode])
+        return
+    h = build_hierarchy(grid, method=case.method, **modes[mode], **case.options)
+    figures = judge_hierarchy(h, grid, is_adjacent=case.adjacent)
+    assert [f.n_face for f in figures] == sorted(f.n_face for f in figures)
+    if mode == "bounds":
+        assert [f.bound for f in figures] == list(modes[mode]["max_error"])
+
+
+@pytest.mark.parametrize("case", [name for name, case in CASES.items() if not case.adjacent])
+def test_methods_lose_adjacency_where_they_say_so(case):
+    h = build_hierarchy(SOLID["cliff"], method=CASES[case].method, passes=3, **CASES[case].options)
+    with pytest.raises(AssertionError, match="T-junction"):
+        judge_hierarchy(h, SOLID["cliff"])
+
+
+@pytest.mark.parametrize("surface", SURFACES)
+@pytest.mark.parametrize("fit", FITS)
+def test_fitted_levels_hold_their_bounds(fit, surface):
     grid = SURFACES[surface]
     bounds = bounds_of(grid)
-    figures = judge_hierarchy(build_hierarchy(grid, method=method, max_error=bounds, fit=fit), grid)
+    figures = judge_hierarchy(build_hierarchy(grid, max_error=bounds, fit=fit), grid)
     assert [f.bound for f in figures] == list(bounds)
-    assert [f.n_face for f in figures] == sorted(f.n_face for f in figures)
 
 
 @pytest.mark.parametrize("surface", SURFACES)
@@ -112,7 +179,8 @@ def test_same_input_gives_same_bytes(surface):
     copy = dataclasses.replace(grid, heights=grid.heights.copy(order="F"))
     bounds = {"max_error": bounds_of(grid)}
     fitted = [{**bounds, "fit": fit} for fit in FITS]
-    for options in (bounds, *fitted, {"passes": 3, "diagonal": "random"}, {"passes": 1, "fill": True}):
+    others = [{"passes": 2, "method": case.method, **case.options} for case in CASES.values()]
+    for options in (bounds, *fitted, *others, {"passes": 3, "diagonal": "random"}, {"passes": 1, "fill": True}):
         one, other = build_hierarchy(grid, seed=7, **options), build_hierarchy(copy, seed=7, **options)
         assert arrays_of(one) == arrays_of(other)
 

@@ -16,9 +16,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from invariants import judge_store
 from surfaces import hills, noise, query, write_dem
+from test_methods import CASES
 
 from vpfx.dem import read_grid
 from vpfx.errors import InputError, VpfxError
+from vpfx.model import CUTS
 from vpfx.pipeline import build
 from vpfx.store.digest import Digest, read_digest
 from vpfx.store.records import NULL_INT
@@ -32,8 +34,17 @@ MODES = {
     "fitted": {"max_error": (40.0, 15.0), "fit": "max-error"},
     "fitted for rmse": {"max_error": (40.0, 15.0), "fit": "rmse"},
     "passes": {"passes": 2, "tolerance": 2.0, "grid": (2, 1)},
+    "ternary": {"method": "ternary", "passes": 2},
     "delaunay": {"passes": 1, "start": "delaunay", "start_posts": 10, "diagonal": "random"},
 }
+
+KINDS = {
+    "ternary": {"centre"},
+    "quaternary": {"three edges"},
+    "scarlatos": set(CUTS),
+    "wynne": {*CUTS} - {"centre and one edge"},
+}
+"""Kinds of cut that a method may make."""
 
 
 def crop(path, rows=slice(0, 90), cols=slice(0, 120), **options):
@@ -88,6 +99,18 @@ def test_two_files_give_what_their_mosaic_gives(mode, cut, tmp_path):
     assert len(rows_of(tmp_path / "parts.gpkg", "source")["source"]) == 2
 
 
+@pytest.mark.parametrize("case", CASES)
+def test_every_method_writes_a_store(case, tmp_path):
+    case, dem, n_junction = CASES[case], crop(tmp_path / "nm.tif", slice(0, 60), slice(0, 50)), 0
+    for mode in ({"passes": 3, "tolerance": 10.0}, {"max_error": (40.0, 15.0)})[: 1 + case.bounded]:
+        report = build_and_judge(dem, tmp_path / "nm.gpkg", method=case.method, tile_size=32, **mode, **case.options)
+        assert report.tiles == (4 if case.tiled else 1)
+        n_junction += len(rows_of(tmp_path / "nm.gpkg", "t_junction")["t_junction"])
+        cuts = dict(query(tmp_path / "nm.gpkg", "SELECT kind, sum(cut_count) FROM level_cut GROUP BY kind"))
+        assert {kind for kind, count in cuts.items() if count} <= KINDS[case.method]
+    assert (n_junction == 0) == case.adjacent
+
+
 def test_one_tile_numbers_from_one(tmp_path):
     heights = hills(30, 40)
     heights[5:9, 5:9] = np.nan
@@ -133,7 +156,7 @@ def test_borders_are_decided_by_their_own_posts(mode, tmp_path):
         build_and_judge(dem, tmp_path / f"{i}.gpkg", tile_size=13, **MODES[mode])
         found.append(border_nodes(tmp_path / f"{i}.gpkg", inner))
     assert found[0] == found[1]
-    assert {level for level, *_ in found[0]} == set(range(2 + (mode == "passes")))
+    assert {level for level, *_ in found[0]} == ({0} if mode == "ternary" else set(range(2 + (mode == "passes"))))
     assert rows_of(tmp_path / "0.gpkg", "face") != rows_of(tmp_path / "1.gpkg", "face")
 
 
@@ -275,16 +298,19 @@ def border_digest(connection, level):
     nodes = f"SELECT * FROM node WHERE level = ? AND node_id < ({first.format('node')}) ORDER BY node_id"
     edges = f"SELECT * FROM edge WHERE level = ? AND edge_id < ({first.format('edge')}) ORDER BY edge_id"
     for sql in (nodes, edges):
-        for column in zip(*connection.execute(sql, (level,)), strict=True):
-            digest.update(column_bytes(column))
+        rows = connection.execute(sql, (level,))
+        names = [column[0] for column in rows.description]
+        for name, column in zip(names, zip(*rows, strict=True), strict=False):
+            digest.update(column_bytes(column, name == "z_parent"))
     return digest.digest()
 
 
-def column_bytes(column):
+def column_bytes(column, is_real=False):
     """What R-140 says goes in for a column."""
     if isinstance(column[0], bytes):
         return b"".join(column)
-    if isinstance(column[0], float):
+    if is_real or isinstance(column[0], float):
+        column = [math.nan if value is None else value for value in column]
         return struct.pack(f"<{len(column)}d", *column)
     is_short = all(value is None or -(2**31) < value < 2**31 for value in column)
     null, code = (-(2**31), "i") if is_short else (-(2**63), "q")

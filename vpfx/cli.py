@@ -7,12 +7,13 @@ import json
 import re
 import sys
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
 import click
+from click.core import ParameterSource
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 from rich.table import Table
@@ -25,7 +26,9 @@ __all__ = ["app", "main"]
 
 USAGE, FAILURE, INTERRUPTED = 2, 3, 130  # exit codes; 0 is good, 1 is for findings
 
-MAX_ERROR = "40,20,10,5"  # bounds where none are given, metres
+MAX_ERROR = (40.0, 20.0, 10.0, 5.0)  # bounds where none are given, metres
+PASSES = 3  # of methods that hold no bound
+OF_DEM = ("crs", "bbox", "band", "nodata", "vertical_unit", "vertical_datum")  # options of `vpfx.dem.open_dem`
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
@@ -59,10 +62,8 @@ def _fail(message: str, code: int) -> None:
     sys.exit(code)
 
 
-def _numbers(text: str | None, name: str, kind: type) -> tuple[Any, ...] | None:
-    """Numbers between commas; None stays None."""
-    if text is None:
-        return None
+def _numbers(text: str, name: str, kind: type) -> tuple[Any, ...]:
+    """Numbers between commas."""
     try:
         return tuple(kind(part) for part in text.split(","))
     except ValueError:
@@ -70,10 +71,24 @@ def _numbers(text: str | None, name: str, kind: type) -> tuple[Any, ...] | None:
         raise InputError(f"--{name}: found {text!r}, expected {wanted} between commas") from None
 
 
-def _grid(text: str | None) -> tuple[int, int] | None:
-    """Squares of the start grid as COLUMNSxROWS; None stays None."""
-    if text is None:
-        return None
+def _given(values: Mapping[str, Any]) -> dict[str, Any]:
+    """Options that stand on the command line, as Python values."""
+    context = click.get_current_context()
+    given = {
+        name: value
+        for name, value in values.items()
+        if context.get_parameter_source(name) is ParameterSource.COMMANDLINE
+    }
+    for name, kind in (("max_error", float), ("max_faces", int), ("bbox", float)):
+        if name in given:
+            given[name] = _numbers(given[name], name.replace("_", "-"), kind)
+    if "grid" in given:
+        given["grid"] = _grid(given["grid"])
+    return given
+
+
+def _grid(text: str) -> tuple[int, int]:
+    """Squares of the start grid as COLUMNSxROWS."""
     found = re.fullmatch(r"([1-9][0-9]{0,5})[xX×]([1-9][0-9]{0,5})", text)
     if not found:
         raise InputError(f"--grid: found {text!r}, expected columns x rows, such as 9x9")
@@ -89,9 +104,14 @@ def app() -> None:
 @app.command()
 @click.argument("dem", nargs=-1, required=True, metavar="DEM...")
 @click.option("-o", "--output", required=True, metavar="STORE.gpkg", help="The store to make.")
-@click.option("--method", default="wynne", show_default=True, help="Method of triangulation.")
 @click.option(
-    "--max-error", metavar="A,B,…", help=f"Bound of each level, coarse to fine, metres.  [default: {MAX_ERROR}]"
+    "--method",
+    default="wynne",
+    show_default=True,
+    help="Method of triangulation: ternary, quaternary, scarlatos, wynne.",
+)
+@click.option(
+    "--max-error", metavar="A,B,…", help="Bound of each level, coarse to fine, metres.  [default: 40,20,10,5]"
 )
 @click.option(
     "--max-faces",
@@ -124,6 +144,11 @@ def app() -> None:
     help="Rule 2 takes this diagonal: shorter, random, least-error; with a bound, the other where only that keeps it.",
 )
 @click.option(
+    "--total/--selective",
+    help="quaternary: cut all faces as soon as one needs it, or only those that do.  [default: selective]",
+)
+@click.option("--shared-edges", is_flag=True, help="scarlatos: an edge that one face breaks is broken in both.")
+@click.option(
     "--start", default="grid", show_default=True, help="Start mesh: grid, or delaunay of the most significant posts."
 )
 @click.option("--start-posts", default=200, show_default=True, help="Posts of the delaunay start of a tile.")
@@ -140,28 +165,22 @@ def app() -> None:
 @click.option("--overwrite", is_flag=True, help="Replace an existing store, once the new one is complete.")
 @click.option("--json", "as_json", is_flag=True, help="Print one JSON document.")
 @click.option("-q", "--quiet", is_flag=True, help="Print nothing but errors.")
-def build(
-    dem: tuple[str, ...], output: str, max_error: str | None, max_faces: str | None, grid: str | None, bbox: str | None,
-    tile_size: int | None, as_json: bool, quiet: bool, **given: Any,
-) -> None:  # fmt: skip
+def build(dem: tuple[str, ...], output: str, as_json: bool, quiet: bool, **values: Any) -> None:
     """Turn elevation files into a hierarchical TIN store; several files form a mosaic.
 
     Example: vpfx build n36.dt2 -o n36.gpkg --max-error 40,20,10,5
     """
     _announce_compilation(quiet or as_json)
     from vpfx import pipeline
+    from vpfx.methods import METHODS
 
-    if max_error is None and max_faces is None and given["passes"] is None:
-        max_error = MAX_ERROR
-    dem_options = {name: given.pop(name) for name in ("crs", "band", "nodata", "vertical_unit", "vertical_datum")}
-    dem_options["bbox"] = _numbers(bbox, "bbox", float)
-    if tile_size is not None:
-        given["tile_size"] = tile_size
+    given = _given(values)
+    if not {"max_error", "max_faces", "passes"} & set(given):
+        part = METHODS.get(values["method"])
+        given |= {"max_error": MAX_ERROR} if part is None or part.bounded else {"passes": PASSES}
+    dem_options = {name: given.pop(name) for name in OF_DEM if name in given}
     with _progress(quiet or as_json) as progress:
-        report = pipeline.build(
-            dem, output, max_error=_numbers(max_error, "max-error", float), max_faces=_numbers(max_faces, "max-faces", int),
-            grid=_grid(grid), progress=progress, dem_options=dem_options, **given,
-        )  # fmt: skip
+        report = pipeline.build(dem, output, progress=progress, dem_options=dem_options, **given)
     if as_json:
         facts = {"store": str(report.path), "tiles": report.tiles, **report.ground._asdict()}
         _print_json(report.levels, report.seconds, facts)

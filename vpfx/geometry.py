@@ -6,9 +6,12 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-__all__ = ["face_shapes", "face_slopes"]
+__all__ = ["face_shapes", "face_slopes", "heights_on_faces"]
 
 Floats = NDArray[np.float64]
+
+ON_EDGE = 1e-9
+"""Least share of a corner in a place inside a face; with less, the place lies on the edge across."""
 
 
 @njit(nogil=True, cache=True)
@@ -83,3 +86,53 @@ def face_shapes(nodes: Floats, face_nodes: NDArray[np.int32]) -> tuple[Floats, F
     cross = ahead[..., 0] * back[..., 1] - ahead[..., 1] * back[..., 0]
     dot = (ahead * back).sum(axis=-1)
     return length.sum(axis=1) ** 2 / (cross[:, 0] / 2), np.degrees(np.arctan2(cross, dot)).min(axis=1)
+
+
+def heights_on_faces(nodes: Floats, face_nodes: NDArray[np.int32], face: NDArray[np.integer], places: Floats) -> Floats:
+    """Heights of faces at places in or on them.
+
+    Parameters
+    ----------
+    nodes : float64 (n_node, 3)
+    face_nodes : int32 (n_face, 3)
+    face : integers (n,)
+        The face to take for each place.
+    places : float64 (n, 2)
+
+    Returns
+    -------
+    float64 (n,)
+
+    Notes
+    -----
+    Where a place lies on an edge, only the ends of the edge count, from west to east or else from south to north, so both
+    faces of the edge give the same float.
+
+    Examples
+    --------
+    >>> nodes = np.array([[0, 0, 0], [4, 0, 8], [0, 4, 0.0]])
+    >>> heights_on_faces(nodes, np.array([[0, 1, 2]]), np.array([0, 0]), np.array([[1, 0], [1, 1.0]]))
+    array([2., 2.])
+    """
+    corner = nodes[face_nodes[face]]
+    to_b, to_c, to_place = (
+        (corner[:, 1] - corner[:, 0])[:, :2],
+        (corner[:, 2] - corner[:, 0])[:, :2],
+        places - corner[:, 0, :2],
+    )
+    area = to_b[:, 0] * to_c[:, 1] - to_b[:, 1] * to_c[:, 0]
+    share = np.empty((len(places), 3))
+    share[:, 1] = (to_place[:, 0] * to_c[:, 1] - to_place[:, 1] * to_c[:, 0]) / area
+    share[:, 2] = (to_b[:, 0] * to_place[:, 1] - to_b[:, 1] * to_place[:, 0]) / area
+    share[:, 0] = 1.0 - share[:, 1] - share[:, 2]
+    height = (share * corner[..., 2]).sum(axis=1)
+    off = share.argmin(axis=1)
+    on = np.flatnonzero(share[np.arange(len(places)), off] < ON_EDGE)
+    start, end = corner[on, (off[on] + 1) % 3], corner[on, (off[on] + 2) % 3]
+    is_turned = (start[:, 0] > end[:, 0]) | ((start[:, 0] == end[:, 0]) & (start[:, 1] > end[:, 1]))
+    start, end = np.where(is_turned[:, None], end, start), np.where(is_turned[:, None], start, end)
+    axis = (np.abs(end[:, 1] - start[:, 1]) > np.abs(end[:, 0] - start[:, 0])).astype(np.int64)
+    row = np.arange(len(on))
+    along = (places[on, axis] - start[row, axis]) / (end[row, axis] - start[row, axis])
+    height[on] = start[:, 2] + along * (end[:, 2] - start[:, 2])
+    return height

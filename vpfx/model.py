@@ -13,10 +13,13 @@ from numpy.typing import NDArray
 
 from vpfx.errors import InputError
 
-__all__ = ["Extent", "Grid", "Hierarchy", "Tin"]
+__all__ = ["CUTS", "Extent", "Grid", "Hierarchy", "Tin"]
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int32]
+
+CUTS = ("one edge", "two edges", "three edges", "centre", "centre and one edge")
+"""The kinds of cut; the first four are the paper's rules 1 to 4."""
 
 
 class Extent(NamedTuple):
@@ -182,6 +185,11 @@ class Hierarchy:
         Per level the bound in metres that was asked for; NaN where none was.
     squared_error, max_error, n_post : tuple
         Per level the sum of squared vertical errors (m²), the greatest one (m) and the posts they were taken at.
+    node_z_parent : float64 (n_node,)
+        Height of the surface of the level before the node's first at its place, metres; NaN for nodes of level 0, and where
+        levels are not nested.
+    cuts : int64 (n_level, 5)
+        Cuts made on the way to each level, by kind: see `CUTS`.
 
     Raises
     ------
@@ -198,6 +206,8 @@ class Hierarchy:
     max_error: tuple[float, ...]
     squared_error: tuple[float, ...]
     n_post: tuple[int, ...]
+    node_z_parent: Floats
+    cuts: NDArray[np.int64]
     crs: str = ""
 
     def __post_init__(self) -> None:

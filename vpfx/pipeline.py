@@ -128,7 +128,7 @@ def build(
     start = time.perf_counter()
     part = pick(METHODS, method, "method")
     chosen = checked_options(part, options)
-    budgets = None if max_faces is None else _checked_budgets(max_faces, chosen)
+    budgets = None if max_faces is None else _checked_budgets(max_faces, part, chosen)
     n_worker = (os.cpu_count() or 1) if workers is None else whole_number(workers, "workers", 1)
     seed = whole_number(seed, "seed", 0, MOST_SEED)
     check_target(Path(output), overwrite)
@@ -137,7 +137,7 @@ def build(
             raise InputError(f"output: found {output}, which is one of the elevation files; give another name")
         if budgets is not None:
             chosen["max_error"] = _fit_budget(dem, part, chosen, budgets, tile_size, n_worker, fill, seed)
-        tiling = Tiling(dem.n_row, dem.n_col, tile_size, len(part.levels(chosen)))
+        tiling = _tiling(dem, part, tile_size, len(part.levels(chosen)))
         place = Place(dem.x0, dem.y0, dem.dx, dem.dy)
         with StoreWriter(Path(output), tiling, place, dem.crs, overwrite) as writer:
             reader = PatchReader(dem, tiling, part, chosen, fill, seed)
@@ -224,8 +224,15 @@ def _check_ground(ground: Ground, fill: bool) -> None:
         raise InputError("dem: found no ground with data, expected at least three neighbouring valid posts")
 
 
-def _checked_budgets(max_faces: Any, options: Mapping[str, Any]) -> list[int]:
+def _tiling(dem: Dem, method: Method, tile_size: int, n_level: int) -> Tiling:
+    """Tiles as asked for; one, if the method cannot build them one by one."""
+    return Tiling(dem.n_row, dem.n_col, tile_size if method.tiled else max(dem.n_row, dem.n_col, tile_size), n_level)
+
+
+def _checked_budgets(max_faces: Any, method: Method, options: Mapping[str, Any]) -> list[int]:
     """Budgets as whole numbers, checked to rise and to be the only mode chosen."""
+    if not method.bounded:
+        raise InputError(f"max_faces: found method {method.name}, which cannot hold a bound; give passes")
     if options.get("max_error") is not None or options.get("passes") is not None:
         raise InputError("max_faces: found max_error or passes too, expected only one of the three")
     budgets = whole_numbers(max_faces, "max_faces")
@@ -242,7 +249,7 @@ def _fit_budget(
 
     def n_face(bounds: list[float], has_more: bool) -> int:
         chosen = {**options, "max_error": bounds}
-        tiling = Tiling(dem.n_row, dem.n_col, tile_size, len(bounds))
+        tiling = _tiling(dem, method, tile_size, len(bounds))
         reader = PatchReader(dem, tiling, method, chosen, fill, seed, has_more)
         count = sum(h.tin(len(bounds) - 1).n_face for _, _, h in _built(reader, tiling, method, chosen, n_worker))
         _check_ground(reader.ground, fill)

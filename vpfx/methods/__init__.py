@@ -1,11 +1,14 @@
 """Ways to turn a patch of posts into a hierarchy: one method a file, all in the table `METHODS`."""
 
-from vpfx.methods import wynne
+from vpfx.methods import quaternary, scarlatos, ternary, wynne
 from vpfx.methods.base import Border, Method, Patch, checked_options
 from vpfx.registry import table
 
 __all__ = ["METHODS", "Border", "Method", "Patch", "checked_options"]
 
 METHODS = table(
+    ternary.METHOD,
+    quaternary.METHOD,
+    scarlatos.METHOD,
     wynne.METHOD,
 )

@@ -89,8 +89,14 @@ class Method:
     ----------
     name, title, source : str
         The name in commands, in words, and where it was published.
+    adjacent : bool
+        Whether no node ever lies inside an edge.
     nested : bool
         Whether each child lies inside one parent.
+    bounded : bool
+        Whether it can hold a bound: then max_error is one of its options.
+    tiled : bool
+        Whether tiles can be built one by one; else the whole DEM is one tile.
     defaults : mapping
         Its options and their values.
     checked : callable
@@ -107,7 +113,10 @@ class Method:
     name: str
     title: str
     source: str
+    adjacent: bool
     nested: bool
+    bounded: bool
+    tiled: bool
     defaults: Mapping[str, Any]
     checked: Callable[[Mapping[str, Any]], dict[str, Any]]
     levels: Callable[[Mapping[str, Any]], list[Any]]
@@ -123,6 +132,8 @@ def checked_options(method: Method, options: Mapping[str, Any]) -> dict[str, Any
     InputError
         An option is not one of the method's, or its value makes no sense.
     """
+    if not method.bounded and options.get("max_error") is not None:
+        raise InputError(f"method {method.name}: found max_error, but it cannot hold a bound; give passes")
     unknown = sorted(set(options) - set(method.defaults))
     if unknown:
         known = ", ".join(sorted(method.defaults))

@@ -1,4 +1,4 @@
-r"""Cutting faces by the paper's rules 1 to 4: the one kernel that cuts, and the rules for diagonals.
+r"""Cutting faces by the paper's rules 1 to 4 and by Scarlatos' fifth cut: the one kernel that cuts, and rules for diagonals.
 
 Side ``s = 3 * face + i`` runs from node i of a face to the next:
 
@@ -6,7 +6,7 @@ Side ``s = 3 * face + i`` runs from node i of a face to the next:
           /  \                  rule 3: all three                   rule 4: none, but a node inside
      s=2 /    \ s=1
         /      \                m[i] = node that breaks side i      p = node inside
-      n0 ------ n1
+      n0 ------ n1        Scarlatos' fifth: one side broken and a node inside, which is joined to the corners and the break
           s=0
 """
 
@@ -18,7 +18,7 @@ from numba import njit
 from vpfx.methods.scan import surface_height
 from vpfx.topology import NONE
 
-__all__ = ["MOST_CHILDREN", "choose_diagonal", "cut_faces", "cut_one", "is_whole"]
+__all__ = ["MOST_CHILDREN", "choose_diagonal", "count_cuts", "cut_faces", "cut_one", "is_whole"]
 
 MOST_CHILDREN = 4
 
@@ -59,6 +59,21 @@ def cut_one(face, side_node, p, flip, n, child, inner, halves):
             inner[3 * (n + 3) + before] = 3 * (n + i) + 1
         return 4
     i = 0
+    if (
+        count == 1 and p != NONE
+    ):  # the fifth: child i and i + 1 stand on the halves of the broken side, the others follow
+        while m[i] == NONE:
+            i += 1
+        j, k = (i + 1) % 3, (i + 2) % 3
+        rim = (nodes[i], m[i], nodes[j], nodes[k])
+        for c in range(4):
+            child[n + c, 0], child[n + c, 1], child[n + c, 2] = rim[c], rim[(c + 1) % 4], p
+            inner[3 * (n + c) + 1] = 3 * (n + (c + 1) % 4) + 2
+            inner[3 * (n + c) + 2] = 3 * (n + (c + 3) % 4) + 1
+        halves[i, 0], halves[i, 1] = 3 * n, 3 * (n + 1)
+        halves[j, 0] = halves[j, 1] = 3 * (n + 2)
+        halves[k, 0] = halves[k, 1] = 3 * (n + 3)
+        return 4
     if count == 1:  # rule 1: a = (n_i, m, n_k), b = (m, n_j, n_k)
         while m[i] == NONE:
             i += 1
@@ -100,14 +115,14 @@ def cut_one(face, side_node, p, flip, n, child, inner, halves):
 
 @njit(nogil=True, cache=True)
 def cut_faces(faces, inner_node, is_flipped, face_nodes, side_twin, side_node, first_child, n_child, slot, n_face):
-    """Cut faces that have a break, by rules 1 to 4.
+    """Cut faces that have a break or a node inside.
 
     Parameters
     ----------
     faces : int32 (n_cut,)
         Leaves; both faces at each broken side are among them.
     inner_node : int32 (n_cut,)
-        Node inside the face, -1 for none; looked at only where no side is broken (rule 4).
+        Node inside the face, -1 for none; looked at where no side is broken (rule 4), or one (the fifth cut).
     is_flipped : bool (n_cut,)
         Which diagonal rule 2 takes: False from the start of the first broken side, True from its break.
     face_nodes, side_twin, side_node, first_child, n_child, slot
@@ -148,6 +163,25 @@ def cut_faces(faces, inner_node, is_flipped, face_nodes, side_twin, side_node, f
     for face in faces:
         slot[face] = NONE
     return n
+
+
+@njit(nogil=True, cache=True)
+def count_cuts(side_node, first_child, n_child, n_face):
+    """Count the cuts of a forest by kind, int64 (5,) as `vpfx.model.CUTS`; what was undone counts no more."""
+    count = np.zeros(5, np.int64)
+    for face in range(n_face):
+        n_broken = 0
+        for side in range(3 * face, 3 * face + 3):
+            n_broken += side_node[side] != NONE
+        if n_child[face] == 0:
+            continue
+        if n_broken == 0:
+            count[3] += 1
+        elif n_broken == 1 and n_child[face] == 4:
+            count[4] += 1
+        else:
+            count[n_broken - 1] += 1
+    return count
 
 
 @njit(nogil=True, cache=True)

@@ -31,6 +31,8 @@ class Forest:
     face_nodes : int32 (n_face, 3)
         Start faces, counter-clockwise.
     is_filled : bool (n_face,)
+    is_joined : bool
+        Whether faces know their neighbours; else side_twin is -1 throughout.
 
     Attributes
     ----------
@@ -60,12 +62,15 @@ class Forest:
     (array([1, 2], dtype=int32), array([0, 0], dtype=int32))
     """
 
-    def __init__(self, nodes: NDArray[np.float64], face_nodes: Faces, is_filled: NDArray[np.bool_]) -> None:
+    def __init__(
+        self, nodes: NDArray[np.float64], face_nodes: Faces, is_filled: NDArray[np.bool_], is_joined: bool = True
+    ) -> None:
         n_face = len(face_nodes)
         self.n_node, self.n_face = len(nodes), n_face
         self.nodes = nodes
         self.face_nodes = face_nodes
-        self.side_twin = find_twins(face_nodes, len(nodes))
+        self.is_joined = is_joined
+        self.side_twin = find_twins(face_nodes, len(nodes)) if is_joined else np.full(3 * n_face, NONE, np.int32)
         self.side_node = np.full(3 * n_face, NONE, np.int32)
         self.side_state = np.zeros(3 * n_face, np.int8)
         self.face_error = np.full(n_face, np.inf)
@@ -107,6 +112,8 @@ class Forest:
             faces, inner_node, is_flipped, self.face_nodes, self.side_twin, self.side_node, self._first_child,
             self._n_child, self.slot, first,
         )  # fmt: skip
+        if not self.is_joined:
+            self.side_twin[3 * first : 3 * self.n_face] = NONE
         self.side_state[3 * first : 3 * self.n_face] = 0
         self.face_error[first : self.n_face] = np.inf
         self.is_filled[first : self.n_face] = np.repeat(self.is_filled[faces], self._n_child[faces])

@@ -17,6 +17,7 @@ __all__ = [
     "ScanRule",
     "candidates",
     "columns_of",
+    "find_worst",
     "measure",
     "place_sides",
     "rows_of",
@@ -244,6 +245,35 @@ def scan_faces(faces, mesh, heights, residual, threshold, aspect, rule, face_err
                     if is_inner and error > inner:
                         inner, inner_at = error, row * n_col + col
         face_error[face], face_post[k], inner_post[k] = worst, worst_post, inner_at
+
+
+@njit(nogil=True, cache=True)
+def find_worst(faces, mesh, heights, residual):
+    """Find the vertical error of every post in or on some faces, metres, for `measure`; where faces differ, the greatest.
+
+    Parameters
+    ----------
+    residual : float64 (n_row, n_col)
+        Takes the errors; NaN for posts in none of the faces.
+    """
+    n_row, n_col = heights.shape
+    nodes, face_nodes, _ = mesh
+    corner, steps = np.empty((3, 3)), np.empty((3, 7))
+    residual[:] = np.nan
+    for face in faces:
+        for i in range(3):
+            for j in range(3):
+                corner[i, j] = nodes[face_nodes[face, i], j]
+        _, east, north = _plane(corner)
+        place_sides(corner, steps)
+        south, top = rows_of(corner, n_row)
+        for row in range(south, top + 1):
+            first, last = columns_of(corner, steps, row, n_col)
+            base = corner[0, 2] + north * (row - corner[0, 1]) - east * corner[0, 0]
+            for col in range(first, last + 1):
+                error = abs(heights[row, col] - (base + east * col))
+                if not error <= residual[row, col]:
+                    residual[row, col] = error
 
 
 @njit(nogil=True, cache=True)

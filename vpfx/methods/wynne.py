@@ -17,17 +17,23 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from vpfx.checks import number, whole_number, whole_numbers
 from vpfx.errors import InputError, InvariantError
 from vpfx.methods import breaks
+from vpfx.methods import options as shared
 from vpfx.methods.base import Method, Patch
 from vpfx.methods.borders import LevelRule
 from vpfx.methods.fit import FitRule, fit_heights
-from vpfx.methods.forest import Forest
-from vpfx.methods.scan import Candidates, ScanRule, candidates, measure, scan_faces
+from vpfx.methods.refine import (
+    BOUND_SLACK,
+    LEAST_SHARE,
+    MOST_PASSES,
+    ROUNDING,
+    Refinement,
+    build_levels,
+    reach_bound,
+)
+from vpfx.methods.scan import Candidates, ScanRule
 from vpfx.methods.settle import SettleRule, settle_faces
-from vpfx.methods.start import start_mesh
-from vpfx.methods.trial import Terms, choose_diagonals
 from vpfx.methods.undo import undo_breaks
 from vpfx.model import Hierarchy
 
@@ -35,9 +41,6 @@ __all__ = ["METHOD", "build"]
 
 Faces = NDArray[np.int32]
 Places = NDArray[np.float64]
-
-ROUNDING = 1e-9  # metres: heights that differ by less are taken as equal in pass mode
-LEAST_SHARE = 1e-6  # of an edge: nearer to an end, or to an edge from inside, a node would make a face without area
 
 # Bounded mode (figures and reasons: specs/methods.md M-140)
 GUARD = 0.8  # an edge may break if it is at least this share of the longest edge of both its faces
@@ -49,72 +52,32 @@ SETTLE = SettleRule(guard=0.5, middle=0.3, n_place=13, reach=4.0, pair_reach=3.0
 MOST_THIN = 17.0  # settling and undoing leave no child with a greater thinness ...
 LATER_THIN = 16.0  # ... at levels after the first, whose faces were cut more often ...
 DECAY = 1.25  # ... unless that of the face times this is greater still
-BOUND_SLACK = 1e-6  # the builder works to the bound less this share, so that rounding never shows a post over it
 SWEEPS = 2  # through the cuts of a level, to undo needless breaks
 FIT_SHARE = 0.98  # of the bound: a fitted node keeps so near to the posts' surface
-MOST_LEVELS = 32
-MOST_PASSES = 1000  # a level takes 10 to 40; more is a bug
 
 DIAGONALS = {"shorter": 0, "random": 1, "least-error": 2}
 DEFAULTS: dict[str, Any] = {
-    "max_error": None,
-    "passes": None,
-    "fit": None,
-    "grid": None,
-    "tolerance": 0.0,
+    **shared.SHARED,
     "xy_tolerance": 0.0,
     "xy_ratio": 0.1,
+    "fit": None,
     "diagonal": "shorter",
-    "start": "grid",
-    "start_posts": 200,
 }
 FITS = {
     "max-error": FitRule(stages=(1.35, 1.15, 1.05, 1.0, 1.0), powers=(0, 2, 4, 6, 8)),
     "rmse": FitRule(stages=(1.0, 1.0, 1.0), powers=(0,)),
 }
-PASS_OPTIONS = ("tolerance", "xy_tolerance", "xy_ratio")
-SQUARE = 72  # posts to a side of a start square if nothing is asked; as many in all where posts are not square
 
 
-class _Mesh:
-    """The mesh in the making over one patch."""
+class _Mesh(Refinement):
+    """The mesh in the making, with what bounded mode does to it."""
+
+    most_thin, decay = MOST_THIN, DECAY
 
     def __init__(self, patch: Patch, options: Mapping[str, Any]) -> None:
-        significant = options["start_posts"] if options["start"] == "delaunay" else 0
-        start = start_mesh(patch, *patch.n_square, significant)
-        row, col = start.posts[:, 0], start.posts[:, 1]
-        nodes = np.stack([col, row, patch.heights[row, col]], axis=1).astype(np.float64)
-        self.patch = patch
-        self.forest = Forest(nodes, np.ascontiguousarray(start.face_nodes), start.is_filled)
-        self.leaves = np.arange(self.forest.n_face, dtype=np.int32)
-        self.residual = np.full(patch.heights.shape, np.nan)
-        self.diagonal = DIAGONALS[options["diagonal"]]
-        self.most_thin = MOST_THIN
-        self.fit_rule: FitRule | None = None
-        self.least_bound = 16.0 * float(np.spacing(np.fmax.reduce(np.abs(patch.heights), axis=None, initial=0.0)))
+        super().__init__(patch, options, diagonal=DIAGONALS[options["diagonal"]])
         most = max(len(border.rank) for border in patch.borders)
         self.ranks = np.stack([np.pad(b.rank, (0, most - len(b.rank))) for b in patch.borders])
-
-    def terms(self, bound: float) -> tuple[Any, ...]:
-        """What cuts have to keep, as kernels take it."""
-        return tuple(Terms(self.patch.aspect, bound, self.most_thin, DECAY, self.diagonal, self.patch.seed))
-
-    def scan(self, faces: Faces, threshold: float, rule: ScanRule) -> Candidates:
-        """Compare faces with their posts."""
-        forest, patch = self.forest, self.patch
-        found = candidates(faces, forest.slot)
-        scan_faces(
-            faces, forest.mesh, patch.heights, self.residual, threshold, patch.aspect, tuple(rule), forest.face_error,
-            tuple(found),
-        )  # fmt: skip
-        return found
-
-    def measure(self) -> tuple[float, float, int]:
-        """Compare the leaves that were never scanned with their posts; return the figures of all posts."""
-        new = self.leaves[np.isinf(self.forest.face_error[self.leaves])]
-        self.scan(new, np.inf, BAND)
-        self.forest.slot[new] = -1
-        return measure(self.residual, self.patch.is_owned)
 
     def break_borders(self, faces: Faces, level: int) -> tuple[Faces, Places]:
         """Return the sides of faces that fixed borders break at a level, and their nodes."""
@@ -135,21 +98,6 @@ class _Mesh:
         )  # fmt: skip
         forest.n_node += len(broken)
         return broken, settled
-
-    def cut(self, faces: Faces, broken: Faces, first_node: int, bound: float, found: Candidates) -> tuple[Faces, Faces]:
-        """Cut at broken sides, and scanned faces without one inside; return the faces cut and their children."""
-        forest, patch = self.forest, self.patch
-        most = 2 * len(broken) + len(faces)
-        to_cut, post = np.empty(most, np.int32), np.empty(most, np.int64)
-        n_cut = breaks.list_cuts(faces, broken, first_node, forest.mesh, forest.side_node, tuple(found), to_cut, post)
-        to_cut, post = to_cut[:n_cut], post[:n_cut]
-        row, col = np.divmod(post[post >= 0], patch.heights.shape[1])
-        inner_node = np.where(post >= 0, forest.n_node - (n_cut - len(row)) + np.arange(n_cut), -1).astype(np.int32)
-        forest.add_nodes(np.stack([col, row, patch.heights[row, col]], axis=1))
-        is_flipped = choose_diagonals(
-            to_cut, forest.nodes, forest.face_nodes, forest.side_node, patch.heights, self.terms(bound)
-        )
-        return to_cut, forest.cut(to_cut, inner_node, is_flipped)
 
     def fit(self, faces: Faces, first_node: int, bound: float, powers: tuple[int, ...]) -> None:
         """Fit the heights of nodes to the posts of some leaves: those from the first one on that are on no fixed border."""
@@ -173,20 +121,13 @@ class _Mesh:
             undo_breaks(faces, forest.tree, forest.side_state, forest.face_error, self.patch.heights, self.terms(bound))
 
 
-def _reach_bound(mesh: _Mesh, level: int, bound: float) -> None:
+def _reach_bound(mesh: _Mesh, level: int, bound: float, fit_rule: FitRule | None) -> None:
     """Cut until no post is off by more than the bound and the fixed borders have all nodes of the level; then undo."""
-    advice = "its faces get smaller than coordinates can tell apart; give a larger bound"
-    too_small = InputError(f"max_error: found {bound:g} m, too small for this DEM: {advice}")
-    if bound < mesh.least_bound:
-        raise too_small
-    bound *= 1.0 - BOUND_SLACK
-    try:
-        if mesh.fit_rule:
-            _fit_to_bound(mesh, level, bound, mesh.fit_rule)
+    with reach_bound(mesh, bound) as inner_bound:
+        if fit_rule:
+            _fit_to_bound(mesh, level, inner_bound, fit_rule)
         else:
-            mesh.undo(_cut_to_bound(mesh, mesh.leaves, level, bound)[::-1], bound)
-    except ZeroDivisionError:  # of a kernel, by the area or the length of nothing
-        raise too_small from None
+            mesh.undo(_cut_to_bound(mesh, mesh.leaves, level, inner_bound)[::-1], inner_bound)
 
 
 def _fit_to_bound(mesh: _Mesh, level: int, bound: float, rule: FitRule) -> None:
@@ -251,24 +192,10 @@ def checked(options: Mapping[str, Any]) -> dict[str, Any]:
     InputError
         A value makes no sense.
     """
-    found = dict(options)
-    if options["max_error"] is not None:
-        found["max_error"] = _checked_bounds(options)
-    if options["passes"] is not None:
-        found["passes"] = whole_number(options["passes"], "wynne: passes", 0, MOST_LEVELS - 1)
-    for name in PASS_OPTIONS:
-        found[name] = number(options[name], f"wynne: {name}", 0, 0.5 if name == "xy_ratio" else np.inf)
-    if options["diagonal"] not in [*DIAGONALS]:
-        raise InputError(f"wynne: found diagonal {options['diagonal']!r}, expected one of: {', '.join(DIAGONALS)}")
-    if options["fit"] not in (None, *FITS):
-        raise InputError(f"wynne: found fit {options['fit']!r}, expected one of: {', '.join(FITS)}")
-    if options["start"] not in ("grid", "delaunay"):
-        raise InputError(f"wynne: found start {options['start']!r}, expected grid or delaunay")
-    if options["grid"] is not None:
-        found["grid"] = whole_numbers(options["grid"], "wynne: grid", 1)
-        if len(found["grid"]) != 2:
-            raise InputError(f"wynne: grid: found {found['grid']}, expected columns and rows of squares")
-    found["start_posts"] = whole_number(options["start_posts"], "wynne: start_posts", 1)
+    found = shared.checked("wynne", options)
+    shared.chosen("wynne", options, "diagonal", (*DIAGONALS,))
+    if options["fit"] is not None:
+        shared.chosen("wynne", options, "fit", (*FITS,))
     return found
 
 
@@ -278,42 +205,17 @@ def levels(options: Mapping[str, Any]) -> list[LevelRule | None]:
     Raises
     ------
     InputError
-        Neither or both of max_error and passes are given, or a tolerance of pass mode without passes.
+        Neither or both of max_error and passes are given, or an option of the other mode.
     """
-    if (options["max_error"] is None) == (options["passes"] is None):
-        raise InputError("wynne: found neither or both of max_error and passes, expected one of them")
-    if options["passes"] is None and any(options[name] != DEFAULTS[name] for name in PASS_OPTIONS):
-        raise InputError("wynne: found a tolerance of pass mode without passes, expected both or none")
+    n_level = shared.n_level("wynne", options, DEFAULTS)
     if options["max_error"] is None and options["fit"] is not None:
         raise InputError("wynne: found fit without max_error, expected both or none")
     if options["max_error"] is not None:
-        return [LevelRule(bound * (1.0 - BOUND_SLACK), MIDDLE, 0.0, 0.0, True) for bound in _checked_bounds(options)]
-    tolerance, away, share = (options[name] for name in PASS_OPTIONS)
+        bounds = shared.bounds_of("wynne", options)
+        return [LevelRule(bound * (1.0 - BOUND_SLACK), MIDDLE, 0.0, 0.0, True) for bound in bounds]
+    tolerance, away, share = (options[name] for name in ("tolerance", "xy_tolerance", "xy_ratio"))
     rule = LevelRule(tolerance + ROUNDING, 0.0, away, max(share, LEAST_SHARE), False)
-    return [None, *[rule] * options["passes"]]
-
-
-def _checked_bounds(options: Mapping[str, Any]) -> list[float]:
-    """Bounds as numbers, checked to be positive and falling."""
-    given = options["max_error"]
-    try:
-        bounds = [] if isinstance(given, str) else [float(bound) for bound in given]
-    except (TypeError, ValueError):
-        bounds = []
-    if not 0 < len(bounds) <= MOST_LEVELS or any(not 0 < bound < np.inf for bound in bounds):
-        raise InputError(f"wynne: found max_error {given}, expected 1 … {MOST_LEVELS} positive numbers of metres")
-    if any(fine >= coarse for coarse, fine in pairwise(bounds)):
-        raise InputError(f"wynne: found max_error {given}, expected each smaller than the one before")
-    return bounds
-
-
-def squares(options: Mapping[str, Any], n_row: int, n_col: int, aspect: float) -> tuple[int, int]:
-    """Rows and columns of the start grid over n_row × n_col posts: as asked, or squares on the ground (`SQUARE`)."""
-    if options["grid"]:
-        return options["grid"][1], options["grid"][0]
-    side = SQUARE * np.sqrt(aspect)
-    n_south, n_east = round((n_row - 1) / side), round((n_col - 1) * aspect / side)
-    return min(max(1, n_south), n_row - 1), min(max(1, n_east), n_col - 1)
+    return [None, *[rule] * (n_level - 1)]
 
 
 def build(patch: Patch, options: Mapping[str, Any]) -> Hierarchy:
@@ -335,45 +237,31 @@ def build(patch: Patch, options: Mapping[str, Any]) -> Hierarchy:
     InvariantError
         The bound was not reached: a bug.
     """
-    rules = levels(options)
     mesh = _Mesh(patch, options)
-    forest = mesh.forest
-    faces, links, filled, measures = [], [], [], []
-    for level, rule in enumerate(rules):
-        if rule is not None and rule.repeats:
-            is_last = level == len(rules) - 1 and not patch.has_more
-            mesh.most_thin = LATER_THIN if level else MOST_THIN
-            mesh.fit_rule = FITS.get(options["fit"]) if is_last else None
-            _reach_bound(mesh, level, _checked_bounds(options)[level])
-        elif rule is not None:
-            _one_pass(mesh, level, options)
-        mesh.leaves, parent = forest.leaves(mesh.leaves)
-        if level:
-            links.append(np.stack([parent, np.arange(len(parent), dtype=np.int32)], axis=1))
-        faces.append(forest.face_nodes[mesh.leaves])
-        filled.append(forest.is_filled[mesh.leaves])
-        measures.append(mesh.measure())
-    errors, squared, posts = zip(*measures, strict=True)
-    node_level = np.full(forest.n_node, len(faces), np.int32)  # as long as no face has the node
-    for level in reversed(range(len(faces))):
-        node_level[faces[level]] = level
-    is_used = node_level < len(faces)
-    index = (np.cumsum(is_used) - 1).astype(np.int32)
-    nodes, level_faces = forest.nodes[: forest.n_node][is_used], tuple(index[level] for level in faces)
-    return Hierarchy(
-        nodes, node_level[is_used], level_faces, tuple(links), tuple(filled),
-        tuple(_checked_bounds(options) if options["passes"] is None else [float("nan")] * len(faces)), errors, squared, posts,
-    )  # fmt: skip
+    if options["passes"] is not None:
+        bounds = [np.nan] * (1 + options["passes"])
+        return build_levels(mesh, bounds, lambda level: _one_pass(mesh, level, options) if level else None)
+    bounds = shared.bounds_of("wynne", options)
+
+    def refine(level: int) -> None:
+        is_last = level == len(bounds) - 1 and not patch.has_more
+        mesh.most_thin = LATER_THIN if level else MOST_THIN
+        _reach_bound(mesh, level, bounds[level], FITS.get(options["fit"]) if is_last else None)
+
+    return build_levels(mesh, bounds, refine)
 
 
 METHOD = Method(
     name="wynne",
     title="variant of Scarlatos by Wynne",
     source="Abdelguerfi et al. 1998, doi:10.1080/136588198241536, §5",
+    adjacent=True,
     nested=True,
+    bounded=True,
+    tiled=True,
     defaults=DEFAULTS,
     checked=checked,
     levels=levels,
-    squares=squares,
+    squares=shared.squares,
     build=build,
 )

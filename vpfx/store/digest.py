@@ -13,18 +13,22 @@ from numpy.typing import NDArray
 
 from vpfx.store.records import NULL_INT
 
-__all__ = ["Digest", "read_digest"]
+__all__ = ["REALS", "Digest", "read_digest"]
 
 MOST_WORD = 2**31 - 1
 
 _TABLES = (
-    ("node", "node_id, tile_id, level, x, y, z, xyz", "node_id BETWEEN {first_node} AND {last_node}", "node_id"),
+    ("node", "node_id, tile_id, level, x, y, z, z_parent, xyz", "node_id BETWEEN {first_node} AND {last_node}", "node_id"),
     ("edge", "edge_id, tile_id, level, start_node, end_node, right_face, left_face, right_edge, left_edge",
      "edge_id BETWEEN {first_edge} AND {last_edge}", "edge_id"),
     ("face", "face_id, tile_id, level, node_1, node_2, node_3, edge_1, edge_2, edge_3, is_filled, slope_centidegrees, "
      "aspect_centidegrees", "face_id BETWEEN {first_face} AND {last_face}", "face_id"),
     ("parent_child", "child_face, parent_face", "child_face BETWEEN {first_face} AND {last_face}", "child_face, parent_face"),
+    ("t_junction", "edge_id, node_id, tile_id, level, gap", "edge_id BETWEEN {first_edge} AND {last_edge}",
+     "edge_id, node_id"),
 )  # fmt: skip
+REALS = ("x", "y", "z", "z_parent", "gap")
+"""Columns of doubles in those tables."""
 
 
 class Digest:
@@ -57,15 +61,15 @@ def _shorten(column, words):  # type: ignore[no-untyped-def]
     return has_room
 
 
-def _columns(rows: Sequence[Sequence[Any]]) -> list[NDArray[Any]]:
+def _columns(names: Sequence[str], rows: Sequence[Sequence[Any]]) -> list[NDArray[Any]]:
     """Columns of rows as they were when written."""
     columns: list[NDArray[Any]] = []
-    for values in zip(*rows, strict=True):
+    for name, values in zip(names, zip(*rows, strict=True), strict=False):
         kinds = {type(value) for value in values}
-        if kinds == {bytes}:
+        if name in REALS and kinds <= {float, type(None)}:
+            columns.append(np.array([np.nan if value is None else value for value in values]))
+        elif kinds == {bytes}:
             columns.append(np.frombuffer(b"".join(values), np.uint8))
-        elif kinds == {float}:
-            columns.append(np.array(values, np.float64))
         elif kinds <= {int, type(None)}:
             columns.append(np.array([NULL_INT if value is None else value for value in values], np.int64))
         else:  # no column that vpfx wrote: any other bytes will do
@@ -83,5 +87,5 @@ def read_digest(connection: sqlite3.Connection, tile_id: int, level: int) -> byt
     digest = Digest()
     for table, columns, where, order in _TABLES:
         query = f"SELECT {columns} FROM {table} WHERE {where.format(**limits)} ORDER BY {order}"
-        digest.add(_columns(connection.execute(query).fetchall()))
+        digest.add(_columns(columns.split(", "), connection.execute(query).fetchall()))
     return digest.value()

@@ -19,7 +19,7 @@ from vpfx.geometry import face_slopes
 from vpfx.model import Hierarchy
 from vpfx.store.records import NULL_INT
 from vpfx.store.tiles import EAST, NORTH, SOUTH, WEST, Tile, Tiling
-from vpfx.topology import find_twins, outside_links
+from vpfx.topology import find_t_junctions, find_twins, outside_links
 
 __all__ = ["FirstIds", "LevelRows", "NodeRows", "Place", "TileRows", "border_rows", "tile_rows"]
 
@@ -51,12 +51,13 @@ class NodeRows(NamedTuple):
     tile_id: Ids
     level: Ids
     xyz: NDArray[np.float64]
+    z_parent: NDArray[np.float64]
 
     def table(self) -> Table:
         """Columns in the order of the schema."""
         x, y, z = (np.ascontiguousarray(self.xyz[:, i]) for i in range(3))
         blob = np.ascontiguousarray(self.xyz.astype("<f8")).view(np.uint8).reshape(-1, 24)
-        return self.node_id, self.tile_id, self.level, x, y, z, blob
+        return self.node_id, self.tile_id, self.level, x, y, z, self.z_parent, blob
 
     def part(self, chosen: Any) -> NodeRows:
         """Return some of the rows."""
@@ -86,6 +87,7 @@ class LevelRows(NamedTuple):
     edges: Table
     faces: Table
     links: Table
+    t_junctions: Table
     open_sides: OpenSides
 
 
@@ -99,8 +101,9 @@ class TileRows(NamedTuple):
 
     def tables(self, level: int) -> dict[str, Table]:
         """Make what of a level does not hang on other tiles, by the names of the tables."""
-        edges, faces, links, _ = self.levels[level]
-        return {"node": self.nodes[level].table(), "edge": edges, "face": faces, "parent_child": links}
+        edges, faces, links, t_junctions, _ = self.levels[level]
+        node = self.nodes[level].table()
+        return {"node": node, "edge": edges, "face": faces, "parent_child": links, "t_junction": t_junctions}
 
 
 @dataclass(frozen=True)
@@ -139,8 +142,9 @@ def tile_rows(
     ids[own] = first.node + np.arange(int(own.sum()))
     level = hierarchy.node_level.astype(np.int64)
     everything = NodeRows(
-        ids, np.full(len(ids), tile.number + 1, np.int64), level, np.stack([x, y, hierarchy.nodes[:, 2]], axis=1)
-    )
+        ids, np.full(len(ids), tile.number + 1, np.int64), level, np.stack([x, y, hierarchy.nodes[:, 2]], axis=1),
+        hierarchy.node_z_parent,
+    )  # fmt: skip
     metric = hierarchy.nodes * np.array([*post_metres, 1.0])
     known = _TileNodes(tile, tiling, ids, u, v, tiling.n_border_node_id)
     levels: list[LevelRows] = []
@@ -184,6 +188,11 @@ def _level_rows(
     if level:
         pairs = hierarchy.links[level - 1]
         links = (face_ids[pairs[:, 1]], parents[pairs[:, 0]])
+    side, node, gap = find_t_junctions(hierarchy.nodes, faces, twin)
+    junction_ids = edge_id[side], known.ids[node]
+    order = np.lexsort(junction_ids[::-1])
+    same = np.full(len(side), tile_id, np.int64), np.full(len(side), level, np.int64)
+    t_junctions = tuple(column[order] for column in (*junction_ids, *same, gap))
     is_open = np.minimum(known.ids[outside.start], known.ids[outside.end]) <= known.n_shared_id
     at, start, end = outside.at[is_open], outside.start[is_open], outside.end[is_open]
     open_sides = OpenSides(
@@ -191,7 +200,7 @@ def _level_rows(
         known.u[end] - known.u[start], known.v[end] - known.v[start],
         outside.is_border[is_open], outside.is_forward[is_open],
     )  # fmt: skip
-    return LevelRows(tuple(edges), tuple(face_rows), links, open_sides)
+    return LevelRows(tuple(edges), tuple(face_rows), links, t_junctions, open_sides)
 
 
 class _Outside(NamedTuple):

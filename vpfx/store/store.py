@@ -18,6 +18,7 @@ from vpfx.errors import InputError, NotFoundError, StoreError, StoreFormatError
 from vpfx.model import Extent, Tin
 from vpfx.store.contents import read_extent, read_levels, read_metadata
 from vpfx.store.ddl import schema_sql
+from vpfx.store.digest import REALS
 from vpfx.store.geopackage import APPLICATION_ID
 
 __all__ = ["Store", "open_store"]
@@ -27,6 +28,7 @@ _CORE = (
     "metadata",
     "source",
     "level",
+    "level_cut",
     "tile",
     "tile_index",
     "tile_level",
@@ -34,6 +36,7 @@ _CORE = (
     "edge",
     "face",
     "parent_child",
+    "t_junction",
     "face_layer",
 )
 _RANGED = ("node", "edge", "face")
@@ -230,7 +233,7 @@ class Store:
         -------
         Tin
             With face attributes face_id, tile_id, is_filled, slope and aspect (degrees, NaN for level ground) and node
-            attributes node_id and level.
+            attributes node_id, level and z_parent (metres, NaN on level 0).
 
         Raises
         ------
@@ -262,7 +265,7 @@ class Store:
             "face_id": faces["face_id"], "tile_id": faces["tile_id"], "is_filled": faces["is_filled"].astype(bool),
             "slope": faces["slope_centidegrees"] / 100.0, "aspect": np.where(aspect == NONE_ID, np.nan, aspect / 100.0),
         }  # fmt: skip
-        known = {"node_id": nodes["node_id"], "level": nodes["level"]}
+        known = {name: nodes[name] for name in ("node_id", "level", "z_parent")}
         return Tin(nodes["xyz"], face_nodes.astype(np.int32), attributes, known, crs=self.crs)
 
     def _tile_faces(self, level: int, tile_id: int) -> dict[str, NDArray[Any]]:
@@ -278,10 +281,10 @@ class Store:
         low_high = "SELECT min(first_node), max(last_node) FROM tile_level WHERE tile_id = ?"
         for tile_id in tile_ids:
             limits = self._connection.execute(low_high, (tile_id,)).fetchone()
-            query = "SELECT node_id, level, xyz FROM node WHERE node_id BETWEEN ? AND ?"
+            query = "SELECT node_id, level, z_parent, xyz FROM node WHERE node_id BETWEEN ? AND ?"
             parts.append(self._connection.execute(query, limits).fetchall())
         found = {row[0] for part in parts for row in part}
-        single = "SELECT node_id, level, xyz FROM node WHERE node_id = ?"
+        single = "SELECT node_id, level, z_parent, xyz FROM node WHERE node_id = ?"
         missing = [node_id for node_id in node_ids.tolist() if node_id not in found]
         parts.append([row for node_id in missing for row in self._connection.execute(single, (node_id,))])
         rows = [row for part in parts for row in part]
@@ -290,8 +293,12 @@ class Store:
         at = order[np.minimum(np.searchsorted(known[order], node_ids), len(order) - 1)]
         if len(rows) == 0 or (known[at] != node_ids).any():
             raise StoreFormatError(str(self.path), "table node", "found faces with corners that are no nodes", "R-170")
-        xyz = np.frombuffer(b"".join(row[2] for row in rows), "<f8").reshape(-1, 3)
-        return {"node_id": node_ids, "level": np.array([row[1] for row in rows], np.int32)[at], "xyz": xyz[at]}
+        xyz = np.frombuffer(b"".join(row[3] for row in rows), "<f8").reshape(-1, 3)[at]
+        level, z_parent = (
+            np.array([row[1] for row in rows], np.int32)[at],
+            _array("z_parent", [row[2] for row in rows])[at],
+        )
+        return {"node_id": node_ids, "level": level, "z_parent": z_parent, "xyz": xyz}
 
     def _check_level(self, level: int) -> None:
         if not 0 <= level < len(self.levels):
@@ -303,14 +310,14 @@ class Store:
         names = [column[0] for column in cursor.description]
         rows = cursor.fetchall()
         columns = zip(*rows, strict=True) if rows else ([] for _ in names)
-        return {name: _array(column) for name, column in zip(names, columns, strict=True)}
+        return {name: _array(name, column) for name, column in zip(names, columns, strict=True)}
 
 
-def _array(values: Sequence[Any]) -> NDArray[Any]:
+def _array(name: str, values: Sequence[Any]) -> NDArray[Any]:
     """Array of one column of rows."""
     if any(isinstance(value, str) for value in values[:1]):
         return np.array(values)
-    if any(isinstance(value, float) for value in values[:1]):
+    if name in REALS or any(isinstance(value, float) for value in values[:1]):
         return np.array(values, np.float64)
     try:
         return np.array(values, np.int64)

@@ -20,7 +20,7 @@ from typing import Any
 import numpy as np
 
 from vpfx.errors import StoreError
-from vpfx.model import Extent, Hierarchy
+from vpfx.model import CUTS, Extent, Hierarchy
 from vpfx.store.contents import FORMAT_VERSION
 from vpfx.store.ddl import schema_sql
 from vpfx.store.digest import Digest
@@ -97,6 +97,7 @@ class StoreWriter:
         n = tiling.n_level
         self._counts = np.zeros((n, 3), np.int64)  # nodes first seen at the level, edges, faces
         self._errors = np.zeros((n, 3))  # greatest error, sum of squares, posts
+        self._cuts = np.zeros((n, len(CUTS)), np.int64)
         try:
             self._create()
             self._pages = PageWriter(self._temporary, str(self.path))
@@ -133,6 +134,7 @@ class StoreWriter:
         self._waiting.append(self._behind.submit(self._make_rows, tile, hierarchy, post_metres))
         for level in range(hierarchy.n_level):
             self._errors[level, 0] = max(self._errors[level, 0], hierarchy.max_error[level])
+            self._cuts[level] += hierarchy.cuts[level]
             self._errors[level, 1:] += hierarchy.squared_error[level], hierarchy.n_post[level]
         if len(self._waiting) > 1:
             self._write_first()
@@ -162,7 +164,7 @@ class StoreWriter:
         limits: list[int | None] = []
         for name, table in tables.items():
             self._pages.append(name, table)
-            if name != "parent_child":
+            if name in ("node", "edge", "face"):
                 limits += [int(table[0][0]), int(table[0][-1])] if len(table[0]) else [None, None]
         children, parents = tables["parent_child"]
         by_parent = np.lexsort((children, parents))
@@ -245,6 +247,10 @@ class StoreWriter:
         digests = [digest.value() for digest in self._border_digests]
         levels = [(*line, *limits, digest) for line, limits, digest in zip(summary, ranges, digests, strict=True)]
         connection.executemany(f"INSERT INTO level VALUES ({', '.join('?' * 11)})", levels)
+        cuts = [
+            (level, kind, int(n)) for level, row in enumerate(self._cuts) for kind, n in zip(CUTS, row, strict=True)
+        ]
+        connection.executemany("INSERT INTO level_cut VALUES (?, ?, ?)", cuts)
         tiles = [(tile.number + 1, tile.name, *self._extent(tile)) for tile in self._tiles()]
         connection.executemany("INSERT INTO tile VALUES (?, ?, ?, ?, ?, ?)", tiles)
         boxes = [(number, xmin, xmax, ymin, ymax) for number, _, xmin, ymin, xmax, ymax in tiles]
