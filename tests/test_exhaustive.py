@@ -9,22 +9,32 @@ import pytest
 from invariants import judge_hierarchy
 from invariants_ground import find_ground
 from surfaces import noise
-from test_methods import BOUNDED
+from test_methods import CASES
 
 from vpfx.model import Grid
 from vpfx.pipeline import build_hierarchy
 
 POSTS = 9
-OPTIONS = [{"method": name, "max_error": (0.4, 0.2)} for name in BOUNDED] + [{"method": "wynne", "passes": 2}]
+RUNS = {name: {"max_error": (0.4, 0.2)} if case.bounded else {"passes": 2} for name, case in CASES.items()}
+RUNS = {
+    name: (CASES[name].adjacent, {"method": CASES[name].method, **CASES[name].options, **mode})
+    for name, mode in RUNS.items()
+}
+RUNS["wynne, passes"] = (True, {"passes": 2})
+RUNS["wynne, least error"] = (True, {"max_error": (0.4, 0.2), "diagonal": "least-error"})
 PARTS = 8  # each test takes every eighth grid
+EVERY = [
+    pytest.param(run, part, marks=() if run == "wynne" or part == 0 else pytest.mark.slow)
+    for run, part in itertools.product(RUNS, range(PARTS))
+]
 
 
-def judged(grid, options):
+def judged(grid, options, is_adjacent=True):
     """Build and judge; the message names the grid."""
     try:
         h = build_hierarchy(grid, **options)
         if find_ground(grid.heights).n_triangle:
-            judge_hierarchy(h, grid)
+            judge_hierarchy(h, grid, is_adjacent=is_adjacent)
         else:
             assert not any(len(faces) for faces in h.level_faces)
     except Exception as error:
@@ -39,19 +49,19 @@ def test_all_grids_are_met():
     assert len({heights.tobytes() for heights in grids_of((0.0, 1.0))}) == 512
 
 
-@pytest.mark.parametrize("part", range(PARTS))
-@pytest.mark.parametrize("options", OPTIONS, ids=str)
-def test_every_grid_of_two_heights(options, part):
+@pytest.mark.parametrize(("run", "part"), EVERY)
+def test_every_grid_of_two_heights(run, part):
+    is_adjacent, options = RUNS[run]
     for heights in itertools.islice(grids_of((0.0, 1.0)), part, None, PARTS):
-        judged(Grid(heights), options)
+        judged(Grid(heights), options, is_adjacent)
 
 
-@pytest.mark.parametrize("part", range(PARTS))
-@pytest.mark.parametrize("options", OPTIONS, ids=str)
-def test_every_choice_of_voids(options, part):
+@pytest.mark.parametrize(("run", "part"), EVERY)
+def test_every_choice_of_voids(run, part):
+    is_adjacent, options = RUNS[run]
     heights = noise(3, 3, 11)
     for is_void in itertools.islice(grids_of((0, 1)), part, None, PARTS):
-        judged(Grid(np.where(is_void, np.nan, heights)), {**options, "diagonal": "least-error"})
+        judged(Grid(np.where(is_void, np.nan, heights)), options, is_adjacent)
 
 
 @pytest.mark.slow

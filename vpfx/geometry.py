@@ -58,6 +58,22 @@ def face_slopes(nodes: Floats, face_nodes: NDArray[np.int32]) -> tuple[Floats, F
     return slope, aspect
 
 
+@njit(nogil=True, cache=True, error_model="numpy")
+def _shapes(nodes, face_nodes, sliveriness, smallest):
+    """Fill perimeter² / area and the smallest angle, degrees, of every face."""
+    for face in range(len(face_nodes)):
+        perimeter, least, area = 0.0, np.inf, 0.0
+        for i in range(3):
+            a, b, c = face_nodes[face, i], face_nodes[face, (i + 1) % 3], face_nodes[face, (i + 2) % 3]
+            x1, y1 = nodes[b, 0] - nodes[a, 0], nodes[b, 1] - nodes[a, 1]
+            x2, y2 = nodes[c, 0] - nodes[a, 0], nodes[c, 1] - nodes[a, 1]
+            area = x1 * y2 - y1 * x2
+            perimeter += np.hypot(x1, y1)
+            least = min(least, np.arctan2(area, x1 * x2 + y1 * y2))
+        sliveriness[face] = perimeter * perimeter / (area / 2.0)
+        smallest[face] = np.degrees(least)
+
+
 def face_shapes(nodes: Floats, face_nodes: NDArray[np.int32]) -> tuple[Floats, Floats]:
     """Sliveriness and smallest angle of each face, seen from above.
 
@@ -79,13 +95,9 @@ def face_shapes(nodes: Floats, face_nodes: NDArray[np.int32]) -> tuple[Floats, F
     >>> face_shapes(np.array([[0, 0], [1, 0], [0, 1.0]]), np.array([[0, 1, 2]]))
     (array([23.3137085]), array([45.]))
     """
-    corner = nodes[:, :2][face_nodes]
-    ahead = np.roll(corner, -1, axis=1) - corner
-    length = np.hypot(ahead[..., 0], ahead[..., 1])
-    back = -np.roll(ahead, 1, axis=1)
-    cross = ahead[..., 0] * back[..., 1] - ahead[..., 1] * back[..., 0]
-    dot = (ahead * back).sum(axis=-1)
-    return length.sum(axis=1) ** 2 / (cross[:, 0] / 2), np.degrees(np.arctan2(cross, dot)).min(axis=1)
+    sliveriness, smallest = np.empty(len(face_nodes)), np.empty(len(face_nodes))
+    _shapes(np.ascontiguousarray(nodes, np.float64), np.ascontiguousarray(face_nodes, np.int32), sliveriness, smallest)
+    return sliveriness, smallest
 
 
 def heights_on_faces(nodes: Floats, face_nodes: NDArray[np.int32], face: NDArray[np.integer], places: Floats) -> Floats:

@@ -84,6 +84,7 @@ METHOD = Method(
     nested=True,
     bounded=True,
     tiled=False,
+    cuts=("three edges",),
     defaults=DEFAULTS,
     checked=checked,
     levels=levels,

@@ -249,12 +249,12 @@ def scan_faces(faces, mesh, heights, residual, threshold, aspect, rule, face_err
 
 @njit(nogil=True, cache=True)
 def find_worst(faces, mesh, heights, residual):
-    """Find the vertical error of every post in or on some faces, metres, for `measure`; where faces differ, the greatest.
+    """Find how far above every post some faces are, metres; where faces differ, that which is farthest off counts.
 
     Parameters
     ----------
     residual : float64 (n_row, n_col)
-        Takes the errors; NaN for posts in none of the faces.
+        Takes surface less post; NaN for posts in none of the faces.
     """
     n_row, n_col = heights.shape
     nodes, face_nodes, _ = mesh
@@ -271,8 +271,8 @@ def find_worst(faces, mesh, heights, residual):
             first, last = columns_of(corner, steps, row, n_col)
             base = corner[0, 2] + north * (row - corner[0, 1]) - east * corner[0, 0]
             for col in range(first, last + 1):
-                error = abs(heights[row, col] - (base + east * col))
-                if not error <= residual[row, col]:
+                error = base + east * col - heights[row, col]
+                if not abs(error) <= abs(residual[row, col]):
                     residual[row, col] = error
 
 
@@ -284,7 +284,7 @@ def measure(residual, is_owned):
     for row in range(n_row):
         for col in range(n_col):
             if is_owned[row, col]:
-                worst = max(worst, residual[row, col])
+                worst = max(worst, abs(residual[row, col]))
                 squares += residual[row, col] ** 2
                 count += 1
     return worst, squares, count

@@ -20,7 +20,7 @@ from vpfx.methods.breaks import find_significant, place_nodes
 from vpfx.methods.refine import LEAST_SHARE, ROUNDING, Refinement, build_levels, repeat_passes
 from vpfx.methods.scan import ScanRule
 from vpfx.methods.side_nodes import SideNodes
-from vpfx.model import Hierarchy
+from vpfx.model import CUTS, Hierarchy
 from vpfx.topology import NONE
 
 __all__ = ["METHOD", "build"]
@@ -129,6 +129,7 @@ METHOD = Method(
     nested=True,
     bounded=True,
     tiled=False,
+    cuts=CUTS,
     defaults=DEFAULTS,
     checked=checked,
     levels=levels,

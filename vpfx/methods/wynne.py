@@ -35,7 +35,7 @@ from vpfx.methods.refine import (
 from vpfx.methods.scan import Candidates, ScanRule
 from vpfx.methods.settle import SettleRule, settle_faces
 from vpfx.methods.undo import undo_breaks
-from vpfx.model import Hierarchy
+from vpfx.model import CUTS, Hierarchy
 
 __all__ = ["METHOD", "build"]
 
@@ -259,6 +259,7 @@ METHOD = Method(
     nested=True,
     bounded=True,
     tiled=True,
+    cuts=CUTS[:4],
     defaults=DEFAULTS,
     checked=checked,
     levels=levels,

@@ -1,0 +1,309 @@
+"""Measures of levels: adjacency, nesting, streakiness, sliveriness, needless cuts, accuracy; on whole arrays.
+
+The words are the paper's (paper-facts §1, §4); what is counted is said in specs/methods.md M-600 … M-650.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vpfx.errors import InputError
+from vpfx.geometry import face_shapes
+from vpfx.methods import METHODS
+from vpfx.methods.forest import Forest
+from vpfx.methods.scan import find_worst
+from vpfx.model import CUTS, Grid, Hierarchy, Tin
+from vpfx.topology import find_t_junctions, find_twins
+
+__all__ = [
+    "Accuracy",
+    "LevelMeasures",
+    "Shape",
+    "Step",
+    "cut_equilateral",
+    "measure_accuracy",
+    "measure_hierarchy",
+    "measure_shape",
+    "measure_step",
+    "streakiness",
+    "table_2",
+]
+
+Floats = NDArray[np.float64]
+
+NORMAL = 19.78
+"""What the paper takes from perimeter² / area, so that 1 is the best (paper-facts §4)."""
+
+VERTEX_BISECTIONS, EDGE_BISECTIONS = np.array([1, 1, 0, 3, 3]), np.array([1, 2, 3, 0, 1])
+"""Of each kind of cut, as `vpfx.model.CUTS`. Source: paper-facts §4."""
+
+ANGLES = (5, 50)
+"""Percentiles of the smallest angles that are told."""
+
+
+class Shape(NamedTuple):
+    """How the faces of one level look from above (M-610, M-620).
+
+    Attributes
+    ----------
+    t_junctions : int
+        Nodes inside edges.
+    max_gap, mean_gap : float
+        Heights of the gaps there, metres; 0 without any.
+    mean_sliveriness, max_sliveriness, min_sliveriness : float
+        Perimeter² / area; 12√3 = 20.785 is the best.
+    normal_sliveriness : float
+        The mean in the paper's form, less `NORMAL`.
+    angle_5, angle_50 : float
+        Percentiles of the smallest angles, degrees.
+    mean_degree, max_degree : float
+        Edges at a node.
+    """
+
+    t_junctions: int
+    max_gap: float
+    mean_gap: float
+    mean_sliveriness: float
+    max_sliveriness: float
+    min_sliveriness: float
+    normal_sliveriness: float
+    angle_5: float
+    angle_50: float
+    mean_degree: float
+    max_degree: int
+
+
+class Step(NamedTuple):
+    """What the way from one level to the next brought (M-630, M-640).
+
+    Attributes
+    ----------
+    one_parent : float
+        Share of the children that have one parent.
+    area_error : float
+        Greatest part by which the areas of children and parent differ.
+    cuts : int
+        Parents with more than one child.
+    needless : float
+        Share of them without a significant point.
+    points_per_cut : float
+        Significant points in or on a parent that is cut, on average.
+    """
+
+    one_parent: float
+    area_error: float
+    cuts: int
+    needless: float
+    points_per_cut: float
+
+
+class Accuracy(NamedTuple):
+    """Vertical errors at all valid posts, metres (M-650).
+
+    Attributes
+    ----------
+    max_error, rmse, percentile_99 : float
+        Greatest; root mean square; 99 % of the posts are off by no more.
+    bias : float
+        Mean of surface less post.
+    posts : int
+    """
+
+    max_error: float
+    rmse: float
+    percentile_99: float
+    bias: float
+    posts: int
+
+
+class LevelMeasures(NamedTuple):
+    """All measures of one level; `step` is None for level 0."""
+
+    level: int
+    nodes: int
+    faces: int
+    shape: Shape
+    accuracy: Accuracy
+    streakiness: float
+    step: Step | None
+
+
+def measure_shape(tin: Tin, metres: tuple[float, float] = (1.0, 1.0)) -> Shape:
+    """Measure adjacency and shape of one level.
+
+    Parameters
+    ----------
+    tin : Tin
+    metres : tuple of float
+        Size of a unit of x and of y, metres.
+
+    Raises
+    ------
+    InputError
+        There is no face.
+
+    Examples
+    --------
+    >>> square = Tin(np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]]), np.array([[0, 1, 2], [0, 2, 3]]))
+    >>> shape = measure_shape(square)
+    >>> shape.t_junctions, round(shape.mean_sliveriness, 2), round(shape.angle_50), shape.max_degree
+    (0, 23.31, 45, 3)
+    """
+    if tin.n_face == 0:
+        raise InputError("measure: found no face, expected some")
+    nodes = tin.nodes * np.array([*metres, 1.0])
+    sliveriness, angle = face_shapes(nodes, tin.face_nodes)
+    twin = find_twins(tin.face_nodes, tin.n_node)
+    _, _, gap = find_t_junctions(nodes, tin.face_nodes, twin)
+    open_sides = np.flatnonzero(twin < 0)
+    degree = np.bincount(tin.face_nodes.ravel(), minlength=tin.n_node)
+    degree += np.bincount(tin.face_nodes[open_sides // 3, (open_sides + 1) % 3], minlength=tin.n_node)
+    degree = degree[degree > 0]
+    angle_5, angle_50 = np.percentile(angle, ANGLES)
+    height = np.abs(gap)
+    return Shape(
+        len(gap), float(height.max(initial=0.0)), float(height.mean()) if len(gap) else 0.0, float(sliveriness.mean()),
+        float(sliveriness.max()), float(sliveriness.min()), float(sliveriness.mean()) - NORMAL,
+        float(angle_5), float(angle_50), float(degree.mean()), int(degree.max()),
+    )  # fmt: skip
+
+
+def measure_accuracy(tin: Tin, grid: Grid) -> Accuracy:
+    """Measure the vertical errors of one level at all valid posts that it covers.
+
+    Raises
+    ------
+    InputError
+        The level covers no valid post.
+    """
+    place = (tin.nodes - np.array([grid.x0, grid.y0, 0.0])) / np.array([grid.dx, grid.dy, 1.0])
+    is_filled = tin.face_attributes.get("is_filled", np.zeros(tin.n_face, bool))
+    faces = np.flatnonzero(~is_filled).astype(np.int32)
+    error = np.empty(grid.heights.shape)
+    find_worst(faces, (place, tin.face_nodes, np.empty(0, np.int32)), grid.heights, error)
+    error = error[~np.isnan(error)]
+    if len(error) == 0:
+        raise InputError("measure: found no valid post under the faces, expected some; is it the right DEM?")
+    size = np.abs(error)
+    rmse = float(np.sqrt(np.mean(error * error)))
+    return Accuracy(float(size.max()), rmse, float(np.percentile(size, 99)), float(error.mean()), len(error))
+
+
+def measure_step(coarse: Tin, fine: Tin, links: NDArray[np.integer], rise: Floats, tolerance: float = 0.0) -> Step:
+    """Measure what the way from one level to the next brought.
+
+    Parameters
+    ----------
+    coarse, fine : Tin
+    links : integers (n, 2)
+        Pairs (parent, child).
+    rise : float64 (fine.n_node,)
+        Height of each node less that of the coarse surface at its place, metres; NaN for nodes of the coarse level.
+    tolerance : float
+        Nodes that rise or fall by no more are not significant, metres.
+    """
+    n_parent = np.bincount(links[:, 1], minlength=fine.n_face)
+    n_child = np.bincount(links[:, 0], minlength=coarse.n_face)
+    own, parts = _areas(coarse), _areas(fine)
+    total = np.bincount(links[:, 0], parts[links[:, 1]], coarse.n_face)
+    is_cut = n_child > 1
+    pairs = links[is_cut[links[:, 0]]]
+    node = fine.face_nodes[pairs[:, 1]]
+    is_significant = np.abs(rise[node]) > tolerance  # never for NaN
+    parent = np.repeat(pairs[:, 0], 3)[is_significant.ravel()].astype(np.int64)
+    gained = np.unique(parent * fine.n_node + node[is_significant])
+    points = np.bincount(gained // fine.n_node, minlength=coarse.n_face)[is_cut]
+    return Step(
+        float((n_parent == 1).mean()), float(np.max(np.abs(total - own) / own, initial=0.0)), int(is_cut.sum()),
+        float((points == 0).mean()) if len(points) else 0.0, float(points.mean()) if len(points) else 0.0,
+    )  # fmt: skip
+
+
+def _areas(tin: Tin) -> Floats:
+    """Areas of faces, squared units of the CRS."""
+    a, b, c = (tin.nodes[tin.face_nodes[:, i], :2] for i in range(3))
+    area: Floats = ((b - a)[:, 0] * (c - a)[:, 1] - (b - a)[:, 1] * (c - a)[:, 0]) / 2
+    return area
+
+
+def streakiness(cuts: Sequence[int] | NDArray[np.integer]) -> float:
+    """Share of vertex bisections among all bisections of some cuts; NaN without any.
+
+    Parameters
+    ----------
+    cuts : integers (5,)
+        How many of each kind, as `vpfx.model.CUTS`.
+
+    Examples
+    --------
+    The paper's variant of Scarlatos, each of its four rules once:
+
+    >>> round(streakiness([1, 1, 1, 1, 0]), 2)
+    0.45
+    """
+    vertex, edge = np.dot(cuts, VERTEX_BISECTIONS), np.dot(cuts, EDGE_BISECTIONS)
+    return float(vertex / (vertex + edge)) if vertex + edge else float("nan")
+
+
+def measure_hierarchy(hierarchy: Hierarchy, grid: Grid, tolerance: float = 0.0) -> list[LevelMeasures]:
+    """Measure every level of a hierarchy against the posts it was built from."""
+    found = []
+    metres = grid.post_metres[0] / grid.dx, grid.post_metres[1] / grid.dy
+    for level in range(hierarchy.n_level):
+        tin, step = hierarchy.tin(level), None
+        if level:
+            is_new = hierarchy.node_level[: tin.n_node] == level
+            rise = np.where(is_new, tin.nodes[:, 2] - hierarchy.node_z_parent[: tin.n_node], np.nan)
+            step = measure_step(hierarchy.tin(level - 1), tin, hierarchy.links[level - 1], rise, tolerance)
+        found.append(
+            LevelMeasures(
+                level, tin.n_node, tin.n_face, measure_shape(tin, metres), measure_accuracy(tin, grid),
+                streakiness(hierarchy.cuts[: level + 1].sum(axis=0)), step,
+            )
+        )  # fmt: skip
+    return found
+
+
+def cut_equilateral(kind: str) -> Floats:
+    """Sliveriness of the children of an equilateral triangle, cut by the kernel that cuts terrain.
+
+    Edges are broken at their middles, the centre is the centroid.
+
+    Examples
+    --------
+    >>> cut_equilateral("three edges").round(3).tolist()
+    [20.785, 20.785, 20.785, 20.785]
+    """
+    corners = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.5, np.sqrt(0.75), 0.0]])
+    forest = Forest(corners.copy(), np.array([[0, 1, 2]], np.int32), np.zeros(1, bool))
+    n_broken = {"one edge": 1, "two edges": 2, "three edges": 3, "centre": 0, "centre and one edge": 1}[kind]
+    first = forest.add_nodes((corners[:n_broken] + corners[(np.arange(n_broken) + 1) % 3]) / 2)
+    forest.side_node[:n_broken] = np.arange(first, forest.n_node)
+    centre = forest.add_nodes(corners.mean(axis=0)[None]) if kind.startswith("centre") else -1
+    children = forest.cut(np.zeros(1, np.int32), np.array([centre], np.int32), np.zeros(1, bool))
+    return face_shapes(forest.nodes, forest.face_nodes[children])[0]
+
+
+def table_2() -> dict[str, tuple[float, float, float, float]]:
+    """The paper's table 2, made by cutting: streakiness, and average, greatest and least sliveriness of each method.
+
+    Each kind of cut of a method counts the same; averages are over the children of a cut, then over the kinds.
+
+    Examples
+    --------
+    >>> [round(value, 2) for value in table_2()["wynne"]]
+    [0.45, 6.49, 12.39, 1.0]
+    """
+    found = {}
+    for name, method in METHODS.items():
+        if method.cuts:
+            shapes = [cut_equilateral(kind) - NORMAL for kind in method.cuts]
+            every = np.concatenate(shapes)
+            average = float(np.mean([shape.mean() for shape in shapes]))
+            share = streakiness([kind in method.cuts for kind in CUTS])
+            found[name] = (share, average, float(every.max()), float(every.min()))
+    return found
