@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import csv
 import json
 import os
 import re
@@ -19,6 +20,7 @@ import pytest
 
 from vpfx import __version__
 from vpfx.cli import app, main
+from vpfx.methods import METHODS
 
 FIXTURES = Path(__file__).resolve().parents[1] / "fixtures" / "dem"
 DEM = str(FIXTURES / "new_mexico_utm13_30m.tif")
@@ -400,3 +402,59 @@ def test_an_interrupted_build_leaves_nothing(pause, tmp_path):
     assert (process.returncode, out) == (INTERRUPTED, "")
     assert err.removeprefix(COMPILING).strip() == "vpfx: interrupted; nothing was changed"
     assert os.listdir(tmp_path) == []
+
+
+# --- compare ----------------------------------------------------------------------------------------------------------------
+
+
+def test_compare_prints_the_papers_table(run):
+    outcome = run("compare", DEM, "--passes", "2", "--bbox", "261000,4024000,263000,4026000", "--grid", "2x2")
+    assert outcome.code == GOOD
+    heading, *rows = outcome.out.splitlines()
+    assert all(re.search(rf"\b{method}\b", heading) for method in METHODS)
+    assert sum("the paper says" in row for row in rows) == 6
+    junctions = next(row.split()[-6:] for row in rows if "T-junctions" in row)
+    assert junctions[0] == junctions[-1] == "0"
+
+
+@pytest.mark.parametrize("form", ["markdown", "csv", "json"])
+def test_compare_in_other_forms(form, run):
+    window = ("--bbox", "261000,4024000,263000,4026000")
+    outcome = run("compare", DEM, "--max-error", "40,20", *window, "--methods", "wynne,scarlatos", "--format", form)
+    assert outcome.code == GOOD
+    if form == "json":
+        found = json.loads(outcome.out)
+        assert [(one["method"], one["variant"]) for one in found] == [
+            ("wynne", ""), ("scarlatos", "by itself"), ("scarlatos", "shared edges")
+        ]  # fmt: skip
+        assert [
+            level["accuracy"]["max_error"] <= bound
+            for one in found
+            for level, bound in zip(one["levels"], (40, 20), strict=True)
+        ] == [True] * 6
+        return
+    lines = outcome.out.splitlines()
+    rows = [*csv.reader(lines)] if form == "csv" else [line[1:-1].split("|") for line in lines]
+    assert len({len(row) for row in rows}) == 1
+    assert any("max error m" in cell for row in rows for cell in row)
+
+
+BAD_COMPARISONS = {
+    "unknown method": (["--methods", "octree"], USAGE, r"unknown method 'octree'"),
+    "unknown format": (
+        ["--format", "xml"],
+        USAGE,
+        r"--format: found 'xml', expected one of: text, markdown, csv, json",
+    ),
+    "no such level": (["--passes", "1", "--level", "2"], USAGE, r"--level: found 2, expected 0 … 1"),
+    "no bound": (["--methods", "ternary", "--max-error", "9"], USAGE, r"no method that can hold a bound; give passes"),
+    "both modes": (["--passes", "1", "--max-error", "9"], USAGE, r"max_error and passes"),
+    "no file": (["missing.tif"], FAILURE, r"missing\.tif"),
+}
+
+
+@pytest.mark.parametrize("case", BAD_COMPARISONS)
+def test_bad_comparison_is_refused(case, run):
+    arguments, code, message = BAD_COMPARISONS[case]
+    window = ("--bbox", "261000,4024000,262000,4025000")
+    assert_refused(run("compare", *([] if "missing.tif" in arguments else [DEM]), *arguments, *window), code, message)

@@ -22,6 +22,7 @@ LAYERS = (
     {"dem", "methods", "store"},  # these three do not know each other
     {"patches", "measures"},
     {"pipeline"},
+    {"compare"},
     {"cli"},
     {"__main__"},
 )

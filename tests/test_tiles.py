@@ -20,7 +20,7 @@ from test_methods import CASES
 
 from vpfx.dem import read_grid
 from vpfx.errors import InputError, VpfxError
-from vpfx.model import CUTS
+from vpfx.methods import METHODS
 from vpfx.pipeline import build
 from vpfx.store.digest import Digest, read_digest
 from vpfx.store.records import NULL_INT
@@ -37,14 +37,6 @@ MODES = {
     "ternary": {"method": "ternary", "passes": 2},
     "delaunay": {"passes": 1, "start": "delaunay", "start_posts": 10, "diagonal": "random"},
 }
-
-KINDS = {
-    "ternary": {"centre"},
-    "quaternary": {"three edges"},
-    "scarlatos": set(CUTS),
-    "wynne": {*CUTS} - {"centre and one edge"},
-}
-"""Kinds of cut that a method may make."""
 
 
 def crop(path, rows=slice(0, 90), cols=slice(0, 120), **options):
@@ -107,7 +99,7 @@ def test_every_method_writes_a_store(case, tmp_path):
         assert report.tiles == (4 if case.tiled else 1)
         n_junction += len(rows_of(tmp_path / "nm.gpkg", "t_junction")["t_junction"])
         cuts = dict(query(tmp_path / "nm.gpkg", "SELECT kind, sum(cut_count) FROM level_cut GROUP BY kind"))
-        assert {kind for kind, count in cuts.items() if count} <= KINDS[case.method]
+        assert {kind for kind, count in cuts.items() if count} <= set(METHODS[case.method].cuts)
     assert (n_junction == 0) == case.adjacent
 
 

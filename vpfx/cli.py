@@ -192,6 +192,41 @@ def build(dem: tuple[str, ...], output: str, as_json: bool, quiet: bool, **value
 
 
 @app.command()
+@click.argument("dem", nargs=-1, required=True, metavar="DEM...")
+@click.option("--methods", default="all", show_default=True, metavar="NAME,…", help="Methods of `vpfx build --method`.")
+@click.option("--passes", type=int, help="Pass mode: so many levels after the start grid.  [default: 3]")
+@click.option("--max-error", metavar="A,B,…", help="Instead: bound of each level, coarse to fine, metres.")
+@click.option("--grid", metavar="9x9", help="Squares of the start grid, columns x rows.")
+@click.option("--tolerance", type=float, help="Pass mode: a point off by more is significant, metres.  [default: 0]")
+@click.option("--bbox", metavar="X,Y,X,Y", help="Only the posts inside: min x, min y, max x, max y in CRS units.")
+@click.option("--level", type=int, help="Level that is shown.  [default: the finest]")
+@click.option("--format", "form", default="text", show_default=True, help="text, markdown, csv or json (all levels).")
+def compare(dem: tuple[str, ...], methods: str, form: str, level: int | None, **values: Any) -> None:
+    """Build methods side by side on the same posts and print the paper's table 1, measured.
+
+    Example: vpfx compare n36.dt2 --passes 3 --grid 9x9 --tolerance 5
+    """
+    _announce_compilation(form != "text")
+    from vpfx import compare as comparing
+    from vpfx.dem import read_grid
+
+    if form not in (*comparing.FORMATS, "json"):
+        raise InputError(f"--format: found {form!r}, expected one of: {', '.join(comparing.FORMATS)}, json")
+    given = _given(values)
+    if not {"max_error", "passes"} & set(given):
+        given["passes"] = PASSES
+    grid = read_grid(dem, bbox=given.pop("bbox", None))
+    found = comparing.compare(grid, () if methods == "all" else methods.split(","), **given)
+    last = len(found[0].levels) - 1
+    if level is not None and not 0 <= level <= last:
+        raise InputError(f"--level: found {level}, expected 0 … {last}")
+    if form == "json":
+        print(json.dumps([comparing.to_dict(one) for one in found], indent=2, ensure_ascii=False))
+        return
+    print(comparing.FORMATS[form](comparing.table_1(found, last if level is None else level)).rstrip())
+
+
+@app.command()
 @click.argument("store", type=click.Path(path_type=Path))
 @click.option("--json", "as_json", is_flag=True, help="Print one JSON document.")
 def info(store: Path, as_json: bool) -> None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -110,6 +110,8 @@ class Method:
         number hangs on the posts along its side and on the width of a post spacing by its height in the middle of the DEM.
     build : callable
         ``build(patch, options) -> Hierarchy`` with nodes in posts of the patch.
+    variants : mapping
+        Names of the forms in which it is compared, and their options.
     """
 
     name: str
@@ -125,6 +127,7 @@ class Method:
     levels: Callable[[Mapping[str, Any]], list[Any]]
     squares: Callable[[Mapping[str, Any], int, int, float], tuple[int, int]]
     build: Callable[[Patch, Mapping[str, Any]], Hierarchy]
+    variants: Mapping[str, Mapping[str, Any]] = field(default_factory=lambda: {"": {}})
 
 
 def checked_options(method: Method, options: Mapping[str, Any]) -> dict[str, Any]:

@@ -90,4 +90,5 @@ METHOD = Method(
     levels=levels,
     squares=shared.squares,
     build=build,
+    variants={"selective": {}, "total": {"total": True}},
 )

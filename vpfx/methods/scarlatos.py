@@ -135,4 +135,5 @@ METHOD = Method(
     levels=levels,
     squares=shared.squares,
     build=build,
+    variants={"by itself": {}, "shared edges": {"shared_edges": True}},
 )
