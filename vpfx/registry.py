@@ -58,7 +58,7 @@ def pick(parts: Mapping[str, Part], name: str, kind: str) -> Part:
     >>> from vpfx.methods import METHODS
     >>> pick(METHODS, "quadric", "method")
     Traceback (most recent call last):
-    vpfx.errors.UnknownNameError: unknown method 'quadric'; known: wynne
+    vpfx.errors.UnknownNameError: unknown method 'quadric'; known: ...wynne
     """
     try:
         return parts[name]

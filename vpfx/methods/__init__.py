@@ -1,6 +1,6 @@
 """Ways to turn a patch of posts into a hierarchy: one method a file, all in the table `METHODS`."""
 
-from vpfx.methods import quaternary, scarlatos, ternary, wynne
+from vpfx.methods import cat, quaternary, scarlatos, ternary, wynne
 from vpfx.methods.base import Border, Method, Patch, checked_options
 from vpfx.registry import table
 
@@ -9,6 +9,7 @@ __all__ = ["METHODS", "Border", "Method", "Patch", "checked_options"]
 METHODS = table(
     ternary.METHOD,
     quaternary.METHOD,
+    cat.METHOD,
     scarlatos.METHOD,
     wynne.METHOD,
 )

@@ -70,7 +70,6 @@ def build(patch: Patch, options: Mapping[str, Any]) -> Hierarchy:
         if bounds is not None:
             repeat_passes(mesh, level, bounds[level], mesh.one_pass)
         elif level:
-            mesh.measure()
             mesh.one_pass(mesh.leaves, tolerance)
 
     return build_levels(mesh, bounds if bounds is not None else [np.nan] * (1 + options["passes"]), refine)

@@ -22,6 +22,7 @@ from vpfx.methods.scan import Candidates, ScanRule, candidates, find_worst, meas
 from vpfx.methods.start import start_mesh
 from vpfx.methods.trial import Terms, choose_diagonals
 from vpfx.model import Hierarchy
+from vpfx.topology import NONE
 
 __all__ = [
     "BOUND_SLACK",
@@ -35,6 +36,7 @@ __all__ = [
 ]
 
 Faces = NDArray[np.int32]
+Sides = NDArray[np.int64]
 Places = NDArray[np.float64]
 
 ROUNDING = 1e-9  # metres: heights that differ by less are taken as equal in pass mode
@@ -96,6 +98,29 @@ class Refinement:
         if not forest.is_joined:
             find_worst(self.leaves, forest.mesh, self.patch.heights, self.residual)
         return measure(self.residual, self.patch.is_owned)
+
+    def first_of_twins(self, sides: Sides) -> Sides:
+        """Put the lower of two twins in the place of either, each once."""
+        twin = self.forest.side_twin[sides]
+        return np.unique(np.where((twin != NONE) & (twin < sides), twin, sides))
+
+    def break_twins(self, sides: Sides, places: Places) -> None:
+        """Break sides, and their twins, at places."""
+        forest = self.forest
+        first_node = forest.add_nodes(places)
+        node, twin = np.arange(first_node, forest.n_node, dtype=np.int32), forest.side_twin[sides]
+        forest.side_node[sides] = node
+        forest.side_node[twin[twin != NONE]] = node[twin != NONE]
+
+    def is_broken(self, faces: Faces) -> NDArray[np.bool_]:
+        """Tell which sides of faces are broken, (n, 3)."""
+        broken: NDArray[np.bool_] = self.forest.side_node[3 * faces[:, None] + np.arange(3)] != NONE
+        return broken
+
+    def find_across(self, faces: Faces) -> Faces:
+        """Find the other faces at the broken sides of some faces."""
+        twin = self.forest.side_twin[(3 * faces[:, None] + np.arange(3))[self.is_broken(faces)]]
+        return np.setdiff1d(twin[twin != NONE] // 3, faces).astype(np.int32)
 
     def cut(self, faces: Faces, broken: Faces, first_node: int, bound: float, found: Candidates) -> tuple[Faces, Faces]:
         """Cut at broken sides, and scanned faces without one inside; return the faces cut and their children.

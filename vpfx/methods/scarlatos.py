@@ -26,6 +26,7 @@ from vpfx.topology import NONE
 __all__ = ["METHOD", "build"]
 
 Faces = NDArray[np.int32]
+Sides = NDArray[np.int64]
 DEFAULTS: dict[str, Any] = {**shared.SHARED, "xy_tolerance": 0.0, "xy_ratio": 0.1, "shared_edges": False}
 BAND = 0.5  # posts so near an edge, in heights of a post spacing, ask for it to be broken
 
@@ -45,7 +46,7 @@ class _Mesh(Refinement):
         found = self.scan(faces, tolerance, ScanRule(BAND, self.share, self.share, self.away))
         forest.slot[faces] = NONE
         wanting = np.flatnonzero(found.side_error > 0.0)
-        wanted = self._first_of_twins(3 * faces[wanting // 3].astype(np.int64) + wanting % 3)
+        wanted = self.first_of_twins(3 * faces[wanting // 3].astype(np.int64) + wanting % 3)
         sides, places = find_significant(
             np.unique(wanted // 3).astype(np.int32), forest.mesh, self.patch.heights, self.patch.aspect, tolerance,
             self.away, self.share, forest.side_state,
@@ -54,47 +55,32 @@ class _Mesh(Refinement):
         self._break(sides[is_wanted], places[is_wanted])
         if must_cut:
             idle = faces[(self._count_breaks(faces) == 0) & (found.inner_post < 0)]
-            sides = self._first_of_twins(self._longest_sides(idle))
+            sides = self.first_of_twins(self._longest_sides(idle))
             self._break(sides, place_nodes(sides, forest.mesh, self.patch.heights, 0.5, 3))
         n_break = self._count_breaks(faces)
         post = np.where(n_break <= 1, found.inner_post, NONE)
         is_cut = (n_break > 0) | (post != NONE)
-        across = np.unique(forest.side_twin[(3 * faces[:, None] + np.arange(3))[self._is_broken(faces)]] // 3)
-        across = np.setdiff1d(across[across >= 0], faces).astype(np.int32)
+        across = self.find_across(faces)
         to_cut = np.concatenate([faces[is_cut], across])
         return self.cut_at(to_cut, np.concatenate([post[is_cut], np.full(len(across), NONE, np.int64)]))
 
-    def _is_broken(self, faces: Faces) -> NDArray[np.bool_]:
-        """Tell which sides of faces are broken, (n, 3)."""
-        broken: NDArray[np.bool_] = self.forest.side_node[3 * faces[:, None] + np.arange(3)] != NONE
-        return broken
-
     def _count_breaks(self, faces: Faces) -> NDArray[np.int64]:
         """Count the broken sides of faces."""
-        return self._is_broken(faces).sum(axis=1)
+        return self.is_broken(faces).sum(axis=1)
 
-    def _first_of_twins(self, sides: NDArray[np.int64]) -> NDArray[np.int64]:
-        """Put the lower of two twins in the place of either, each once."""
-        twin = self.forest.side_twin[sides]
-        return np.unique(np.where((twin != NONE) & (twin < sides), twin, sides))
-
-    def _longest_sides(self, faces: Faces) -> NDArray[np.int64]:
+    def _longest_sides(self, faces: Faces) -> Sides:
         """Find the longest side of each face, the first of equals."""
         corner = self.forest.nodes[self.forest.face_nodes[faces], :2] * np.array([self.patch.aspect, 1.0])
         square = ((np.roll(corner, -1, axis=1) - corner) ** 2).sum(axis=2)
         return 3 * faces.astype(np.int64) + square.argmax(axis=1)
 
-    def _break(self, sides: NDArray[np.int64], places: NDArray[np.float64]) -> None:
+    def _break(self, sides: Sides, places: NDArray[np.float64]) -> None:
         """Break sides at places, those that are twins on both faces."""
-        forest = self.forest
-        if not forest.is_joined:
-            order = np.argsort(sides)
-            self.side_nodes.break_sides(sides, lambda some: places[order][np.searchsorted(sides[order], some)])
+        if self.forest.is_joined:
+            self.break_twins(sides, places)
             return
-        first_node = forest.add_nodes(places)
-        node, twin = np.arange(first_node, forest.n_node, dtype=np.int32), forest.side_twin[sides]
-        forest.side_node[sides] = node
-        forest.side_node[twin[twin != NONE]] = node[twin != NONE]
+        order = np.argsort(sides)
+        self.side_nodes.break_sides(sides, lambda some: places[order][np.searchsorted(sides[order], some)])
 
 
 def checked(options: Mapping[str, Any]) -> dict[str, Any]:

@@ -265,4 +265,5 @@ METHOD = Method(
     levels=levels,
     squares=shared.squares,
     build=build,
+    variants={"": {}, "over Delaunay": {"start": "delaunay"}},
 )
