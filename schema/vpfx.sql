@@ -112,6 +112,13 @@ CREATE TABLE parent_child (                -- R-180: links between a level and t
   PRIMARY KEY (child_face, parent_face)
 ) WITHOUT ROWID;
 
+CREATE TABLE shared_area (                 -- R-182: how much area linked faces share; no rows where levels are nested
+  child_face INTEGER NOT NULL,             -- face of level k + 1
+  parent_face INTEGER NOT NULL,            -- face of level k
+  area DOUBLE NOT NULL,                    -- squared CRS units
+  PRIMARY KEY (child_face, parent_face)
+) WITHOUT ROWID;
+
 CREATE INDEX parent_child_by_parent ON parent_child (parent_face, child_face);
 
 CREATE TABLE face_layer (                  -- R-211: always empty; gives the columns of the layers face_K their types

@@ -19,7 +19,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import rasterio.errors
 from invariants_ground import Measured, Posts, find_ground, judge_bound, judge_cover
-from invariants_levels import judge_junctions, judge_z_parent
+from invariants_levels import judge_junctions, judge_shared_areas, judge_z_parent
 from invariants_mesh import (
     PLAIN,
     UNIT,
@@ -38,6 +38,7 @@ from invariants_store import (
     judge_edges,
     read_level,
     read_posts,
+    read_shared_areas,
     read_tables,
     register,
 )
@@ -143,8 +144,8 @@ def judge_bounds_fall(bounds: list[float]) -> None:
         require(not fine > coarse, f"level {level}: its bound {fine!r} is above the {coarse!r} of the level before")
 
 
-def judge_hierarchy(hierarchy: Any, grid: Any, *, is_adjacent: bool = True) -> list[Figures]:
-    """Judge a `Hierarchy` of nested levels against the `Grid` it was built from; T-junctions may be allowed.
+def judge_hierarchy(hierarchy: Any, grid: Any, *, is_adjacent: bool = True, is_nested: bool = True) -> list[Figures]:
+    """Judge a `Hierarchy` against the `Grid` it was built from; T-junctions, and links of many to many, may be allowed.
 
     Raises
     ------
@@ -171,6 +172,13 @@ def judge_hierarchy(hierarchy: Any, grid: Any, *, is_adjacent: bool = True) -> l
             links = np.asarray(h.links[k - 1])
             label.accuse(np.diff(links[:, 1]) < 0, lambda i: f"link {i + 1}: links are not sorted by child")
             flags = h.face_is_filled[k - 1], h.face_is_filled[k]
+            if not is_nested:
+                judge_shared_areas(nodes, h.level_faces[k - 1], faces, links, h.link_area[k - 1], label)
+                require(np.isnan(h.node_z_parent).all(), "z_parent where levels are not nested")
+                figures.append(
+                    Figures(k, bound, measured.max_error, measured.rmse, n_post, len(nodes), border.n_edge, len(faces))
+                )
+                continue
             judge_links(
                 nodes, h.level_faces[k - 1], faces, links, is_filled=flags, label=label, parent_label=Label(k - 1)
             )
@@ -247,6 +255,10 @@ def _judge_step(tables: Tables, parent: Level, child: Level) -> None:
     """Judge the links between two levels of a store."""
     is_step = tables.face_level[np.searchsorted(tables.face_ids, tables.links[:, 1])] == child.label.level
     links = [np.searchsorted(level.label.face_ids, tables.links[is_step, i]) for i, level in enumerate((parent, child))]
+    areas = read_shared_areas(tables, is_step)
+    if areas is not None:
+        judge_shared_areas(child.nodes, parent.faces, child.faces, np.stack(links, axis=1), areas, child.label)
+        return
     judge_links(
         child.nodes,
         parent.faces,

@@ -11,6 +11,9 @@ from invariants_store import Level
 SAME_HEIGHT = 1e-9
 """Part of the greatest height by which two heights of one place may differ: slivers make the most of rounding."""
 
+SHARED = 1e-7
+"""Part of a face's box by which a shared area may be off: pairs that share less than 1e-9 of a face are no links."""
+
 
 def judge_junctions(level: Level, border: Border) -> None:
     """The T-junctions of a level are those that `judge_mesh` found, with their gaps."""
@@ -36,6 +39,47 @@ def judge_junctions(level: Level, border: Border) -> None:
             f"table t_junction: {name(node[i] * n_edge + edge[i])}: gap is {level.gaps[i]!r}, measured {gap[i]!r}"
         ),
     )
+
+
+def judge_shared_areas(nodes: Any, parents: Any, children: Any, links: Any, areas: Any, label: Label) -> None:
+    """Pairs of faces share the area told, and all pairs together are all that parents and children have.
+
+    As both levels tile the same ground, nothing is missing if the shares of each face add up to it.
+    """
+    label.accuse(np.diff(links[:, 1] * len(parents) + links[:, 0]) <= 0, lambda i: f"links {i}, {i + 1}: not in order")
+    label.accuse(~(areas > 0), lambda i: f"link {links[i].tolist()}: shares {areas[i]:.9g}")
+    xy = nodes[:, :2] - nodes[:, :2].min(axis=0)
+    for faces, column, kind in ((parents, 0, "parent"), (children, 1, "child")):
+        a, b, c = (xy[faces[:, i]] for i in range(3))
+        own = ((b - a)[:, 0] * (c - a)[:, 1] - (b - a)[:, 1] * (c - a)[:, 0]) / 2
+        total = np.bincount(links[:, column], areas, len(faces))
+        label.accuse(
+            ~(np.abs(total - own) <= SHARED * own.max(initial=0.0)),
+            lambda i, kind=kind, total=total, own=own: f"{kind} {i}: shares {total[i]:.9g} of its area {own[i]:.9g}",
+        )
+    for k, (up, down) in enumerate(links.tolist()):
+        polygon = [tuple(p) for p in xy[children[down]].tolist()]
+        corners = [tuple(p) for p in xy[parents[up]].tolist()]
+        for i in range(3):
+            polygon = _clip(polygon, corners[i], corners[(i + 1) % 3])
+        area = abs(sum(p[0] * q[1] - q[0] * p[1] for p, q in zip(polygon, polygon[1:] + polygon[:1], strict=True))) / 2
+        size = float(np.ptp(xy[children[down]], axis=0).prod())
+        text = f"link {(up, down)}: shares {areas[k]:.9g}, found {area:.9g}"
+        label.accuse([abs(area - areas[k]) > SHARED * size], lambda _, text=text: text)
+
+
+def _clip(polygon: list[Any], start: Any, end: Any) -> list[Any]:
+    """Part of a convex polygon to the left of a line."""
+    kept = []
+    side = [(end[0] - start[0]) * (y - start[1]) - (end[1] - start[1]) * (x - start[0]) for x, y in polygon]
+    for i, point in enumerate(polygon):
+        j = (i + 1) % len(polygon)
+        if side[i] >= 0:
+            kept.append(point)
+        if (side[i] < 0) != (side[j] < 0):
+            t = side[i] / (side[i] - side[j])
+            kept.append(tuple(p + t * (q - p) for p, q in zip(point, polygon[j], strict=True)))
+    return kept
 
 
 def judge_z_parent(nodes: Any, z_parent: Any, faces: Any, parents: Any, links: Any, is_new: Any, label: Label) -> None:

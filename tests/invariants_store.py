@@ -300,6 +300,20 @@ def _read_junctions(tables: Tables, level: int, by_id: Any, edge_ids: Any) -> tu
     return np.stack([by_id[node], edge], axis=1), gaps.astype(np.float64)
 
 
+def read_shared_areas(tables: Tables, is_step: Any) -> Any:
+    """Areas that some of the links share; None where the store tells none."""
+    if not tables.connection.execute("SELECT 1 FROM sqlite_schema WHERE name = 'shared_area'").fetchone():
+        return None
+    rows = tables.connection.execute("SELECT parent_face, child_face, area FROM shared_area ORDER BY 2, 1").fetchall()
+    if not rows:
+        return None
+    require(
+        [row[:2] for row in rows] == [tuple(link) for link in tables.links.tolist()], "table shared_area: other pairs"
+    )
+    require(all(isinstance(row[2], float) for row in rows), "table shared_area: an area is no number")
+    return np.array([row[2] for row in rows])[is_step]
+
+
 def _read_flags(connection: Any, label: Label) -> Any:
     """Read `is_filled` of the faces of one level; false where the store has no such column."""
     if "is_filled" not in [row[1] for row in connection.execute("PRAGMA table_info(face)")]:

@@ -15,13 +15,14 @@ from vpfx.model import Grid
 from vpfx.pipeline import build_hierarchy
 
 POSTS = 9
-RUNS = {name: {"max_error": (0.4, 0.2)} if case.bounded else {"passes": 2} for name, case in CASES.items()}
 RUNS = {
-    name: (CASES[name].adjacent, {"method": CASES[name].method, **CASES[name].options, **mode})
-    for name, mode in RUNS.items()
+    "wynne, passes": ({}, {"passes": 2}),
+    "wynne, least error": ({}, {"max_error": (0.4, 0.2), "diagonal": "least-error"}),
 }
-RUNS["wynne, passes"] = (True, {"passes": 2})
-RUNS["wynne, least error"] = (True, {"max_error": (0.4, 0.2), "diagonal": "least-error"})
+for name, case in CASES.items():
+    mode = {"max_error": (0.4, 0.2)} if case.bounded else {"passes": 2}
+    allowed = {"is_adjacent": case.adjacent, "is_nested": case.nested}
+    RUNS[name] = allowed, {"method": case.method, **case.options, **mode}
 PARTS = 8  # each test takes every eighth grid
 EVERY = [
     pytest.param(run, part, marks=() if run == "wynne" or part == 0 else pytest.mark.slow)
@@ -29,12 +30,12 @@ EVERY = [
 ]
 
 
-def judged(grid, options, is_adjacent=True):
+def judged(grid, options, **allowed):
     """Build and judge; the message names the grid."""
     try:
         h = build_hierarchy(grid, **options)
         if find_ground(grid.heights).n_triangle:
-            judge_hierarchy(h, grid, is_adjacent=is_adjacent)
+            judge_hierarchy(h, grid, **allowed)
         else:
             assert not any(len(faces) for faces in h.level_faces)
     except Exception as error:
@@ -51,17 +52,17 @@ def test_all_grids_are_met():
 
 @pytest.mark.parametrize(("run", "part"), EVERY)
 def test_every_grid_of_two_heights(run, part):
-    is_adjacent, options = RUNS[run]
+    allowed, options = RUNS[run]
     for heights in itertools.islice(grids_of((0.0, 1.0)), part, None, PARTS):
-        judged(Grid(heights), options, is_adjacent)
+        judged(Grid(heights), options, **allowed)
 
 
 @pytest.mark.parametrize(("run", "part"), EVERY)
 def test_every_choice_of_voids(run, part):
-    is_adjacent, options = RUNS[run]
+    allowed, options = RUNS[run]
     heights = noise(3, 3, 11)
     for is_void in itertools.islice(grids_of((0, 1)), part, None, PARTS):
-        judged(Grid(np.where(is_void, np.nan, heights)), options, is_adjacent)
+        judged(Grid(np.where(is_void, np.nan, heights)), options, **allowed)
 
 
 @pytest.mark.slow

@@ -13,6 +13,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from invariants_ground import find_ground, judge_cover, judge_runs
+from invariants_levels import judge_shared_areas
 from invariants_store import next_around
 
 LATTICE = {"x0": -114.1, "y0": 32.3, "dx": 1 / 3600, "dy": 1 / 1200}  # no float holds these exactly
@@ -421,3 +422,19 @@ def _turn(start, end):
     if cross == 0:
         return Fraction(4 if dot > 0 else 2)
     return (1 if cross > 0 else 3) - dot / (abs(dot) + abs(cross)) * (1 if cross > 0 else -1)
+
+
+def test_shared_areas():
+    """The judge of links of many to many: two ways to cut a square, every pair of faces shares a quarter of it."""
+    nodes = np.array([[0, 0, 0], [2, 0, 0], [2, 2, 0], [0, 2, 0.0]])
+    one, other = np.array([[0, 1, 2], [0, 2, 3]]), np.array([[0, 1, 3], [1, 2, 3]])
+    links, areas = np.array([[0, 0], [1, 0], [0, 1], [1, 1]]), np.ones(4)
+    judge_shared_areas(nodes, one, other, links, areas, invariants.Label(1))
+    for wrong, shares, message in (
+        (links[:3], areas[:3], "parent 1: shares 1 of its area 2"),
+        (links, np.array([1.1, 0.9, 0.9, 1.1]), r"link \(0, 0\): shares 1.1, found 1"),
+        (links, np.array([1.0, 1.0, 2.0, 0.0]), r"link \[1, 1\]: shares 0"),
+        (links[[1, 0, 2, 3]], areas, "links 0, 1: not in order"),
+    ):
+        with pytest.raises(AssertionError, match=message):
+            judge_shared_areas(nodes, one, other, wrong, shares, invariants.Label(1))

@@ -113,7 +113,7 @@ def test_methods_keep_what_they_say(mode, case, surface):
             build_hierarchy(grid, method=case.method, **modes[mode])
         return
     h = build_hierarchy(grid, method=case.method, **modes[mode], **case.options)
-    figures = judge_hierarchy(h, grid, is_adjacent=case.adjacent)
+    figures = judge_hierarchy(h, grid, is_adjacent=case.adjacent, is_nested=case.nested)
     assert [f.n_face for f in figures] == sorted(f.n_face for f in figures)
     if mode == "bounds":
         assert [f.bound for f in figures] == list(modes[mode]["max_error"])
@@ -124,6 +124,23 @@ def test_methods_lose_adjacency_where_they_say_so(case):
     h = build_hierarchy(SOLID["cliff"], method=CASES[case].method, passes=3, **CASES[case].options)
     with pytest.raises(AssertionError, match="T-junction"):
         judge_hierarchy(h, SOLID["cliff"])
+
+
+@pytest.mark.parametrize("surface", ["noise", "cone", "steps", "3 x 50"])
+@pytest.mark.parametrize("options", [{"passes": 2}, {"passes": 0, "start": "delaunay", "start_posts": 9}], ids=str)
+def test_delaunay_pyramids_are_delaunay(options, surface):
+    """No node lies inside the circle through the corners of a face: exactly, as places are whole numbers."""
+    h = build_hierarchy(Grid(SOLID[surface].heights), method="delaunay_pyramid", **options)
+    for level in range(h.n_level):
+        tin = h.tin(level)
+        places = tin.nodes[:, :2].astype(int).tolist()
+        assert (tin.nodes[:, :2] == places).all()
+        for face in tin.face_nodes.tolist():
+            (ax, ay), (bx, by), (cx, cy) = (places[node] for node in face)
+            for x, y in places:
+                rows = [(px - x, py - y, (px - x) ** 2 + (py - y) ** 2) for px, py in ((ax, ay), (bx, by), (cx, cy))]
+                (a, b, c), (d, e, f), (g, k, i) = rows
+                assert a * (e * i - f * k) - b * (d * i - f * g) + c * (d * k - e * g) <= 0
 
 
 @pytest.mark.parametrize("surface", SURFACES)

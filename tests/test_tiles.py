@@ -28,13 +28,15 @@ from vpfx.store.tiles import Tiling
 
 CELL = Path(__file__).resolve().parents[1] / "fixtures" / "dem" / "new_mexico_cell_5min_1arcsec.tif"
 STEP = 1 / 3600
-ROWS = ("level", "tile", "tile_level", "node", "edge", "face", "parent_child")
+ROWS = ("level", "tile", "tile_level", "node", "edge", "face", "parent_child", "shared_area", "t_junction")
 MODES = {
     "bounded": {"max_error": (40.0, 15.0)},
     "fitted": {"max_error": (40.0, 15.0), "fit": "max-error"},
     "fitted for rmse": {"max_error": (40.0, 15.0), "fit": "rmse"},
     "passes": {"passes": 2, "tolerance": 2.0, "grid": (2, 1)},
     "ternary": {"method": "ternary", "passes": 2},
+    "pyramid": {"method": "delaunay_pyramid", "max_error": (40.0, 15.0)},
+    "pyramid, passes": {"method": "delaunay_pyramid", "passes": 2, "tolerance": 2.0, "grid": (2, 1)},
     "delaunay": {"passes": 1, "start": "delaunay", "start_posts": 10, "diagonal": "random"},
 }
 
@@ -148,7 +150,7 @@ def test_borders_are_decided_by_their_own_posts(mode, tmp_path):
         build_and_judge(dem, tmp_path / f"{i}.gpkg", tile_size=13, **MODES[mode])
         found.append(border_nodes(tmp_path / f"{i}.gpkg", inner))
     assert found[0] == found[1]
-    assert {level for level, *_ in found[0]} == ({0} if mode == "ternary" else set(range(2 + (mode == "passes"))))
+    assert {level for level, *_ in found[0]} == ({0} if mode == "ternary" else set(range(2 + ("passes" in mode))))
     assert rows_of(tmp_path / "0.gpkg", "face") != rows_of(tmp_path / "1.gpkg", "face")
 
 

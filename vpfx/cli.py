@@ -108,7 +108,7 @@ def app() -> None:
     "--method",
     default="wynne",
     show_default=True,
-    help="Method of triangulation: ternary, quaternary, cat, scarlatos, wynne.",
+    help="Method of triangulation: ternary, quaternary, cat, delaunay_pyramid, scarlatos, wynne.",
 )
 @click.option(
     "--max-error", metavar="A,B,…", help="Bound of each level, coarse to fine, metres.  [default: 40,20,10,5]"

@@ -23,10 +23,17 @@ Table = list[list[str]]
 PAPER: Mapping[str, tuple[str, ...]] = {
     "ternary": ("low (1 SP)", "none", "yes", "high", "yes", "high"),
     "quaternary": ("very low (3 IP)", "high", "no", "no", "yes", "no"),
+    "delaunay_pyramid": ("low (≤ 1 SP)", "none", "yes", "no", "no", "possible"),
     "scarlatos": ("medium (1–3 SP)", "none", "yes", "medium", "yes", "medium"),
     "wynne": ("medium (1–3 SP)", "none", "yes", "low", "yes", "low"),
 }
 """Words of table 1: accuracy, unnecessary triangulations, adjacency, sliveriness, nested, streaks. Source: paper-facts §3."""
+
+
+def _text(value: float | None, form: str) -> str:
+    """A figure as text; a dash where there is none."""
+    return "–" if value is None or math.isnan(value) else f"{value:{form}}"
+
 
 MEASURES: tuple[tuple[str, tuple[tuple[str, Callable[[LevelMeasures], str]], ...]], ...] = (
     ("accuracy", (
@@ -34,9 +41,9 @@ MEASURES: tuple[tuple[str, tuple[tuple[str, Callable[[LevelMeasures], str]], ...
         ("rmse m", lambda m: f"{m.accuracy.rmse:.3f}"),
         ("99th percentile m", lambda m: f"{m.accuracy.percentile_99:.3f}"),
         ("bias m", lambda m: f"{m.accuracy.bias:.3f}"),
-        ("points per cut", lambda m: f"{m.step.points_per_cut:.2f}" if m.step else "–"),
+        ("points per cut", lambda m: _text(m.step and m.step.points_per_cut, ".2f")),
     )),
-    ("needless cuts", (("of all %", lambda m: f"{100 * m.step.needless:.1f}" if m.step else "–"),)),
+    ("needless cuts", (("of all %", lambda m: _text(m.step and 100 * m.step.needless, ".1f")),)),
     ("adjacency", (
         ("T-junctions", lambda m: f"{m.shape.t_junctions}"),
         ("greatest gap m", lambda m: f"{m.shape.max_gap:.2f}"),
@@ -48,11 +55,11 @@ MEASURES: tuple[tuple[str, tuple[tuple[str, Callable[[LevelMeasures], str]], ...
         ("5 % angle °", lambda m: f"{m.shape.angle_5:.1f}"),
     )),
     ("nested", (
-        ("one parent %", lambda m: f"{100 * m.step.one_parent:.1f}" if m.step else "–"),
-        ("area error", lambda m: f"{m.step.area_error:.0e}" if m.step else "–"),
+        ("one parent %", lambda m: _text(m.step and 100 * m.step.one_parent, ".1f")),
+        ("area error", lambda m: _text(m.step and m.step.area_error, ".0e")),
     )),
     ("streaks", (
-        ("streakiness", lambda m: f"{m.streakiness:.2f}"),
+        ("streakiness", lambda m: _text(m.streakiness, ".2f")),
         ("greatest degree", lambda m: f"{m.shape.max_degree}"),
     )),
 )  # fmt: skip
@@ -102,8 +109,8 @@ def compare(grid: Grid, methods: Sequence[str] = (), /, **options: Any) -> list[
     --------
     >>> import numpy as np
     >>> grid = Grid(np.add.outer(np.zeros(9), np.abs(np.arange(9.0) - 4)))
-    >>> [found.title for found in compare(grid, ["quaternary", "wynne"], passes=1)]
-    ['quaternary selective', 'quaternary total', 'wynne']
+    >>> [found.title for found in compare(grid, ["ternary", "quaternary"], passes=1)]
+    ['ternary', 'quaternary selective', 'quaternary total']
     """
     parts = [pick(METHODS, name, "method") for name in methods] or list(METHODS.values())
     unknown = sorted(set(options) - {name for part in parts for name in (*part.defaults, "max_error")})

@@ -78,7 +78,7 @@ class Shape(NamedTuple):
 
 
 class Step(NamedTuple):
-    """What the way from one level to the next brought (M-630, M-640).
+    """What the way from one level to the next brought (M-630, M-640); NaN and 0 where levels are not nested.
 
     Attributes
     ----------
@@ -217,6 +217,8 @@ def measure_step(coarse: Tin, fine: Tin, links: NDArray[np.integer], rise: Float
     parent = np.repeat(pairs[:, 0], 3)[is_significant.ravel()].astype(np.int64)
     gained = np.unique(parent * fine.n_node + node[is_significant])
     points = np.bincount(gained // fine.n_node, minlength=coarse.n_face)[is_cut]
+    if (n_parent > 1).any():
+        return Step(float((n_parent == 1).mean()), float("nan"), 0, float("nan"), float("nan"))
     return Step(
         float((n_parent == 1).mean()), float(np.max(np.abs(total - own) / own, initial=0.0)), int(is_cut.sum()),
         float((points == 0).mean()) if len(points) else 0.0, float(points.mean()) if len(points) else 0.0,

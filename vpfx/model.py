@@ -188,6 +188,8 @@ class Hierarchy:
     node_z_parent : float64 (n_node,)
         Height of the surface of the level before the node's first at its place, metres; NaN for nodes of level 0, and where
         levels are not nested.
+    link_area : tuple of float64 (n_link,)
+        Per step the area that each pair shares, squared units of the nodes; empty where levels are nested.
     cuts : int64 (n_level, 5)
         Cuts made on the way to each level, by kind: see `CUTS`.
 
@@ -208,6 +210,7 @@ class Hierarchy:
     n_post: tuple[int, ...]
     node_z_parent: Floats
     cuts: NDArray[np.int64]
+    link_area: tuple[Floats, ...] = ()
     crs: str = ""
 
     def __post_init__(self) -> None:

@@ -183,7 +183,8 @@ def build_hierarchy(
     patch = PatchReader(_GridDem(grid), tiling, part, chosen, fill, seed).read(tiling.tile(0))
     local = part.build(patch, chosen)
     nodes = local.nodes * np.array([grid.dx, grid.dy, 1.0]) + np.array([grid.x0, grid.y0, 0.0])
-    return dataclasses.replace(local, nodes=nodes, crs=grid.crs)
+    link_area = tuple(area * grid.dx * grid.dy for area in local.link_area)
+    return dataclasses.replace(local, nodes=nodes, link_area=link_area, crs=grid.crs)
 
 
 class _GridDem:

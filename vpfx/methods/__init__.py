@@ -1,6 +1,6 @@
 """Ways to turn a patch of posts into a hierarchy: one method a file, all in the table `METHODS`."""
 
-from vpfx.methods import cat, quaternary, scarlatos, ternary, wynne
+from vpfx.methods import cat, delaunay_pyramid, quaternary, scarlatos, ternary, wynne
 from vpfx.methods.base import Border, Method, Patch, checked_options
 from vpfx.registry import table
 
@@ -10,6 +10,7 @@ METHODS = table(
     ternary.METHOD,
     quaternary.METHOD,
     cat.METHOD,
+    delaunay_pyramid.METHOD,
     scarlatos.METHOD,
     wynne.METHOD,
 )

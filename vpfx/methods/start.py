@@ -20,7 +20,7 @@ from vpfx.errors import InvariantError
 from vpfx.methods.base import Patch
 from vpfx.methods.ground import distances, inner_posts, is_covered, outline_nodes, outline_segments
 
-__all__ = ["Start", "grid_posts", "start_mesh"]
+__all__ = ["Start", "border_nodes_of", "grid_posts", "start_mesh", "triangulate"]
 
 
 class Start(NamedTuple):
@@ -79,7 +79,7 @@ def start_mesh(patch: Patch, n_row: int, n_col: int, n_significant: int = 0) -> 
     rows, cols = grid_posts(shape[0], n_row), grid_posts(shape[1], n_col)
     if not patch.squares.any() and not patch.keeps_voids:
         return Start(np.empty((0, 2), np.int32), np.empty((0, 3), np.int32), np.empty(0, bool))
-    is_border_node = _border_nodes(patch)
+    is_border_node = border_nodes_of(patch)
     plain = not n_significant and (patch.squares == 15).all()
     on_grid = np.zeros(shape, bool)
     on_grid[np.ix_(rows, cols)] = True
@@ -89,16 +89,16 @@ def start_mesh(patch: Patch, n_row: int, n_col: int, n_significant: int = 0) -> 
         on_grid[1:-1, 1:-1] = False
         on_grid |= _significant_posts(patch.heights, n_significant)
     spacing = max(1, min(shape[0] // n_row, shape[1] // n_col))
-    return _triangulate(patch, on_grid, is_border_node, spacing)
+    return triangulate(patch, on_grid, is_border_node, spacing)
 
 
-def _border_nodes(patch: Patch) -> NDArray[np.bool_]:
-    """Posts on fixed borders that are nodes of the start mesh."""
+def border_nodes_of(patch: Patch, level: int | None = None) -> NDArray[np.bool_]:
+    """Posts on fixed borders that are nodes of a level, or of the start mesh."""
     south, east, north, west = patch.borders
     is_node = np.zeros(patch.heights.shape, bool)
     for border, line in ((south, (0, ...)), (north, (-1, ...)), (west, (..., 0)), (east, (..., -1))):
         if border.is_fixed:
-            is_node[line] |= border.rank < border.n_start
+            is_node[line] |= border.rank < (border.n_start if level is None else border.limit[level])
     return is_node
 
 
@@ -138,14 +138,28 @@ def _graded_posts(is_outline: NDArray[np.bool_], spacing: int) -> NDArray[np.boo
     return (distance >= 2) & (distance < spacing) & (row % step == 0) & (col % step == 0)
 
 
-def _triangulate(patch: Patch, on_grid: NDArray[np.bool_], is_border_node: NDArray[np.bool_], spacing: int) -> Start:
-    """Constrained Delaunay triangulation of outline, borders, grid and the posts in between."""
+def triangulate(patch: Patch, on_grid: NDArray[np.bool_], is_node: NDArray[np.bool_], spacing: int) -> Start:
+    """Constrained Delaunay triangulation of outline, borders, grid and the posts in between.
+
+    Parameters
+    ----------
+    on_grid : bool (n_row, n_col)
+        Posts that are nodes where they lie inside the ground or on a free border.
+    is_node : bool (n_row, n_col)
+        Posts of the ground that are nodes anyway.
+    spacing : int
+        Posts in between outline and grid are less than so many from the outline.
+
+    Returns
+    -------
+    Start
+    """
     domain = np.full_like(patch.squares, 15) if patch.keeps_voids else patch.squares
     is_side = np.zeros(on_grid.shape, bool)
     is_side[[0, -1], :] = is_side[:, [0, -1]] = True
     free = is_side & on_grid & ~_fixed_side(patch)
     corners = outline_nodes(domain) | (outline_nodes(patch.squares) if patch.keeps_voids else False)
-    is_corner = corners | is_border_node | free
+    is_corner = corners | is_node | free
     inner = ~is_side & (on_grid | _graded_posts(outline_nodes(patch.squares) & ~is_side, spacing))
     segments = outline_segments(domain, is_corner)
     if patch.keeps_voids:

@@ -26,8 +26,10 @@ _TABLES = (
     ("parent_child", "child_face, parent_face", "child_face BETWEEN {first_face} AND {last_face}", "child_face, parent_face"),
     ("t_junction", "edge_id, node_id, tile_id, level, gap", "edge_id BETWEEN {first_edge} AND {last_edge}",
      "edge_id, node_id"),
+    ("shared_area", "child_face, parent_face, area", "child_face BETWEEN {first_face} AND {last_face}",
+     "child_face, parent_face"),
 )  # fmt: skip
-REALS = ("x", "y", "z", "z_parent", "gap")
+REALS = ("x", "y", "z", "z_parent", "gap", "area")
 """Columns of doubles in those tables."""
 
 

@@ -29,7 +29,7 @@ _ATTRIBUTE_TABLES = {
     "face": "faces of all levels",
     "source": "elevation files",
 }
-_OTHER_TABLES = ("metadata", "level_cut", "parent_child", "t_junction", "tile_index", "face_layer")
+_OTHER_TABLES = ("metadata", "level_cut", "parent_child", "shared_area", "t_junction", "tile_index", "face_layer")
 
 
 def find_srs(wkt: str) -> tuple[int, str, str, int, str]:

@@ -88,6 +88,7 @@ class LevelRows(NamedTuple):
     faces: Table
     links: Table
     t_junctions: Table
+    shared_areas: Table
     open_sides: OpenSides
 
 
@@ -101,9 +102,11 @@ class TileRows(NamedTuple):
 
     def tables(self, level: int) -> dict[str, Table]:
         """Make what of a level does not hang on other tiles, by the names of the tables."""
-        edges, faces, links, t_junctions, _ = self.levels[level]
-        node = self.nodes[level].table()
-        return {"node": node, "edge": edges, "face": faces, "parent_child": links, "t_junction": t_junctions}
+        rows = self.levels[level]
+        return {
+            "node": self.nodes[level].table(), "edge": rows.edges, "face": rows.faces, "parent_child": rows.links,
+            "t_junction": rows.t_junctions, "shared_area": rows.shared_areas,
+        }  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -116,6 +119,7 @@ class _TileNodes:
     u: NDArray[np.float64]
     v: NDArray[np.float64]
     n_shared_id: int
+    post_area: float
 
 
 def tile_rows(
@@ -146,7 +150,7 @@ def tile_rows(
         hierarchy.node_z_parent,
     )  # fmt: skip
     metric = hierarchy.nodes * np.array([*post_metres, 1.0])
-    known = _TileNodes(tile, tiling, ids, u, v, tiling.n_border_node_id)
+    known = _TileNodes(tile, tiling, ids, u, v, tiling.n_border_node_id, place.dx * place.dy)
     levels: list[LevelRows] = []
     next_edge, next_face = first.edge, first.face
     parents = np.empty(0, np.int64)
@@ -185,9 +189,12 @@ def _level_rows(
     face_rows[9] = hierarchy.face_is_filled[level]
     _fill_faces(faces, known.ids, edge_id, *face_slopes(metric, faces), face_rows[3:])
     links: Table = (np.empty(0, np.int64), np.empty(0, np.int64))
+    shared_areas: Table = (*links, np.empty(0))
     if level:
         pairs = hierarchy.links[level - 1]
         links = (face_ids[pairs[:, 1]], parents[pairs[:, 0]])
+        if hierarchy.link_area:
+            shared_areas = (*links, hierarchy.link_area[level - 1] * known.post_area)
     side, node, gap = find_t_junctions(hierarchy.nodes, faces, twin)
     junction_ids = edge_id[side], known.ids[node]
     order = np.lexsort(junction_ids[::-1])
@@ -200,7 +207,7 @@ def _level_rows(
         known.u[end] - known.u[start], known.v[end] - known.v[start],
         outside.is_border[is_open], outside.is_forward[is_open],
     )  # fmt: skip
-    return LevelRows(tuple(edges), tuple(face_rows), links, t_junctions, open_sides)
+    return LevelRows(tuple(edges), tuple(face_rows), links, t_junctions, shared_areas, open_sides)
 
 
 class _Outside(NamedTuple):

@@ -36,6 +36,7 @@ _CORE = (
     "edge",
     "face",
     "parent_child",
+    "shared_area",
     "t_junction",
     "face_layer",
 )
