@@ -62,6 +62,8 @@ def test_every_choice_of_voids(run, part):
     allowed, options = RUNS[run]
     heights = noise(3, 3, 11)
     for is_void in itertools.islice(grids_of((0, 1)), part, None, PARTS):
+        if run in CASES and not CASES[run].voids and is_void.any():
+            continue
         judged(Grid(np.where(is_void, np.nan, heights)), options, **allowed)
 
 

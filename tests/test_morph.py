@@ -42,6 +42,8 @@ def blended(h, level, t):
 @pytest.mark.parametrize("case", MORPHING)
 def test_a_blend_begins_and_ends_with_the_two_levels(case, surface):
     grid, case = SURFACES[surface], CASES[case]
+    if np.isnan(grid.heights).any() and not case.voids:
+        pytest.skip("squares cannot follow voids")
     mode = {"max_error": bounds_of(grid, 0.5, 0.2)} if case.bounded else {"passes": 2}
     h = build_hierarchy(grid, method=case.method, **mode, **case.options)
     slack = 1e-9 * np.nanmax(np.abs(grid.heights))

@@ -108,7 +108,7 @@ def app() -> None:
     "--method",
     default="wynne",
     show_default=True,
-    help="Method of triangulation: ternary, quaternary, cat, delaunay_pyramid, scarlatos, wynne.",
+    help="ternary, quaternary, cat, delaunay_pyramid, quadtree, restricted_quadtree, scarlatos, wynne.",
 )
 @click.option(
     "--max-error", metavar="A,B,…", help="Bound of each level, coarse to fine, metres.  [default: 40,20,10,5]"
@@ -217,6 +217,11 @@ def compare(dem: tuple[str, ...], methods: str, form: str, level: int | None, **
         given["passes"] = PASSES
     grid = read_grid(dem, bbox=given.pop("bbox", None))
     found = comparing.compare(grid, () if methods == "all" else methods.split(","), **given)
+    left_out = (set(comparing.METHODS) if methods == "all" else set(methods.split(","))) - {one.method for one in found}
+    if left_out:
+        print(
+            f"vpfx: left out, as they keep no bound or follow no voids: {', '.join(sorted(left_out))}", file=sys.stderr
+        )
     last = len(found[0].levels) - 1
     if level is not None and not 0 <= level <= last:
         raise InputError(f"--level: found {level}, expected 0 … {last}")

@@ -9,6 +9,8 @@ import time
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any, NamedTuple
 
+import numpy as np
+
 from vpfx.errors import InputError
 from vpfx.measures import LevelMeasures, measure_hierarchy
 from vpfx.methods import METHODS
@@ -24,6 +26,8 @@ PAPER: Mapping[str, tuple[str, ...]] = {
     "ternary": ("low (1 SP)", "none", "yes", "high", "yes", "high"),
     "quaternary": ("very low (3 IP)", "high", "no", "no", "yes", "no"),
     "delaunay_pyramid": ("low (≤ 1 SP)", "none", "yes", "no", "no", "possible"),
+    "quadtree": ("variable", "high", "yes", "no", "yes", "no"),
+    "restricted_quadtree": ("variable", "high", "yes", "no", "yes", "no"),
     "scarlatos": ("medium (1–3 SP)", "none", "yes", "medium", "yes", "medium"),
     "wynne": ("medium (1–3 SP)", "none", "yes", "low", "yes", "low"),
 }
@@ -96,7 +100,8 @@ def compare(grid: Grid, methods: Sequence[str] = (), /, **options: Any) -> list[
     ----------
     grid : Grid
     methods : sequence of str
-        Names in `vpfx.methods.METHODS`; all if empty. With a bound, those that cannot hold one are left out.
+        Names in `vpfx.methods.METHODS`; all if empty. Those are left out that cannot hold a bound, or follow voids, where
+        there are such.
     **options
         Of the methods, such as ``passes=3`` or ``max_error=(40, 20)``; each method takes those it has.
 
@@ -107,7 +112,6 @@ def compare(grid: Grid, methods: Sequence[str] = (), /, **options: Any) -> list[
 
     Examples
     --------
-    >>> import numpy as np
     >>> grid = Grid(np.add.outer(np.zeros(9), np.abs(np.arange(9.0) - 4)))
     >>> [found.title for found in compare(grid, ["ternary", "quaternary"], passes=1)]
     ['ternary', 'quaternary selective', 'quaternary total']
@@ -118,8 +122,12 @@ def compare(grid: Grid, methods: Sequence[str] = (), /, **options: Any) -> list[
         raise InputError(f"compare: found option {unknown[0]!r}, expected one of a method")
     if options.get("max_error") is not None:
         parts = [part for part in parts if part.bounded]
-    if not parts:
-        raise InputError("compare: found no method that can hold a bound; give passes")
+        if not parts:
+            raise InputError("compare: found no method that can hold a bound; give passes")
+    if np.isnan(grid.heights).any():
+        parts = [part for part in parts if part.voids]
+        if not parts:
+            raise InputError("compare: found voids in the DEM, which none of the methods can follow")
     found = []
     for part in parts:
         own = {name: value for name, value in options.items() if name in part.defaults}

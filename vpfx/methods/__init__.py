@@ -1,6 +1,15 @@
 """Ways to turn a patch of posts into a hierarchy: one method a file, all in the table `METHODS`."""
 
-from vpfx.methods import cat, delaunay_pyramid, quaternary, scarlatos, ternary, wynne
+from vpfx.methods import (
+    cat,
+    delaunay_pyramid,
+    quadtree,
+    quaternary,
+    restricted_quadtree,
+    scarlatos,
+    ternary,
+    wynne,
+)
 from vpfx.methods.base import Border, Method, Patch, checked_options
 from vpfx.registry import table
 
@@ -11,6 +20,8 @@ METHODS = table(
     quaternary.METHOD,
     cat.METHOD,
     delaunay_pyramid.METHOD,
+    quadtree.METHOD,
+    restricted_quadtree.METHOD,
     scarlatos.METHOD,
     wynne.METHOD,
 )

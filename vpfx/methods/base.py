@@ -97,6 +97,8 @@ class Method:
         Whether it can hold a bound: then max_error is one of its options.
     tiled : bool
         Whether tiles can be built one by one; else the whole DEM is one tile.
+    voids : bool
+        Whether it can follow the outline of voids.
     cuts : tuple of str
         Kinds of cut it makes, of `vpfx.model.CUTS`.
     defaults : mapping
@@ -121,6 +123,7 @@ class Method:
     nested: bool
     bounded: bool
     tiled: bool
+    voids: bool
     cuts: tuple[str, ...]
     defaults: Mapping[str, Any]
     checked: Callable[[Mapping[str, Any]], dict[str, Any]]

@@ -71,6 +71,7 @@ METHOD = Method(
     nested=True,
     bounded=True,
     tiled=False,
+    voids=True,
     cuts=CUTS[:3],
     defaults=DEFAULTS,
     checked=checked,

@@ -158,6 +158,7 @@ METHOD = Method(
     nested=False,
     bounded=True,
     tiled=True,
+    voids=True,
     cuts=(),
     defaults=DEFAULTS,
     checked=checked,

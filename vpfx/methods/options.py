@@ -51,12 +51,13 @@ def checked(method: str, options: Mapping[str, Any]) -> dict[str, Any]:
     for name, most in NOT_NEGATIVE.items():
         if name in options:
             found[name] = number(options[name], f"{method}: {name}", 0, most)
-    chosen(method, options, "start", ("grid", "delaunay"))
+    if "start" in options:
+        chosen(method, options, "start", ("grid", "delaunay"))
+        found["start_posts"] = whole_number(options["start_posts"], f"{method}: start_posts", 1)
     if options["grid"] is not None:
         found["grid"] = whole_numbers(options["grid"], f"{method}: grid", 1)
         if len(found["grid"]) != 2:
             raise InputError(f"{method}: grid: found {found['grid']}, expected columns and rows of squares")
-    found["start_posts"] = whole_number(options["start_posts"], f"{method}: start_posts", 1)
     return found
 
 

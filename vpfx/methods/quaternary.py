@@ -83,6 +83,7 @@ METHOD = Method(
     nested=True,
     bounded=True,
     tiled=False,
+    voids=True,
     cuts=("three edges",),
     defaults=DEFAULTS,
     checked=checked,

@@ -230,12 +230,12 @@ def build_levels(mesh: Refinement, bounds: Sequence[float], refine: Callable[[in
     level_faces = tuple(index[level] for level in faces)
     return Hierarchy(
         nodes, node_level, level_faces, tuple(links), tuple(filled), tuple(bounds), errors, squared, posts,
-        node_z_parent=_heights_before(nodes, node_level, level_faces, links),
+        node_z_parent=heights_before(nodes, node_level, level_faces, links),
         cuts=np.diff(np.array(cuts), axis=0, prepend=0),
     )  # fmt: skip
 
 
-def _heights_before(
+def heights_before(
     nodes: Places, node_level: Faces, level_faces: Sequence[Faces], links: Sequence[Faces]
 ) -> NDArray[np.float64]:
     """Height of the surface of the level before at each node, metres; NaN for nodes of level 0."""

@@ -115,6 +115,7 @@ METHOD = Method(
     nested=True,
     bounded=True,
     tiled=False,
+    voids=True,
     cuts=CUTS,
     defaults=DEFAULTS,
     checked=checked,

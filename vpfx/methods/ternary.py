@@ -58,6 +58,7 @@ METHOD = Method(
     nested=True,
     bounded=False,
     tiled=True,
+    voids=True,
     cuts=("centre",),
     defaults=DEFAULTS,
     checked=checked,

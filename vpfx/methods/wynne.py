@@ -259,6 +259,7 @@ METHOD = Method(
     nested=True,
     bounded=True,
     tiled=True,
+    voids=True,
     cuts=CUTS[:4],
     defaults=DEFAULTS,
     checked=checked,
