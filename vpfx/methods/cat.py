@@ -8,6 +8,7 @@ Cost of a pass: O(posts of the faces + n log n).
 from __future__ import annotations
 
 from collections.abc import Mapping
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -15,9 +16,8 @@ from numpy.typing import NDArray
 
 from vpfx.methods import options as shared
 from vpfx.methods.base import Method, Patch
-from vpfx.methods.borders import LevelRule
 from vpfx.methods.breaks import place_nodes
-from vpfx.methods.refine import ROUNDING, Refinement, build_levels, repeat_passes
+from vpfx.methods.refine import Refinement, build_by_passes
 from vpfx.model import CUTS, Hierarchy
 
 __all__ = ["METHOD", "build"]
@@ -39,28 +39,10 @@ class _Mesh(Refinement):
         return self.cut_at(to_cut, np.full(len(to_cut), -1, np.int64))
 
 
-def checked(options: Mapping[str, Any]) -> dict[str, Any]:
-    """Options as plain Python values, each checked by itself."""
-    return shared.checked("cat", options)
-
-
-def levels(options: Mapping[str, Any]) -> list[LevelRule | None]:
-    """No border is fixed."""
-    return [None] * shared.n_level("cat", options, DEFAULTS)
-
-
 def build(patch: Patch, options: Mapping[str, Any]) -> Hierarchy:
     """Build all levels over one patch."""
     mesh = _Mesh(patch, options)
-    bounds, tolerance = options["max_error"], options["tolerance"] + ROUNDING
-
-    def refine(level: int) -> None:
-        if bounds is not None:
-            repeat_passes(mesh, level, bounds[level], mesh.one_pass)
-        elif level:
-            mesh.one_pass(mesh.leaves, tolerance)
-
-    return build_levels(mesh, bounds if bounds is not None else [np.nan] * (1 + options["passes"]), refine)
+    return build_by_passes(mesh, options, mesh.one_pass)
 
 
 METHOD = Method(
@@ -74,8 +56,8 @@ METHOD = Method(
     voids=True,
     cuts=CUTS[:3],
     defaults=DEFAULTS,
-    checked=checked,
-    levels=levels,
+    checked=partial(shared.checked, "cat"),
+    levels=partial(shared.free_levels, "cat", defaults=DEFAULTS),
     squares=shared.squares,
     build=build,
 )

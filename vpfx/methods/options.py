@@ -14,7 +14,7 @@ import numpy as np
 from vpfx.checks import number, whole_number, whole_numbers
 from vpfx.errors import InputError
 
-__all__ = ["SHARED", "bounds_of", "checked", "chosen", "n_level", "squares"]
+__all__ = ["SHARED", "bounds_of", "checked", "chosen", "free_levels", "n_level", "squares"]
 
 MOST_LEVELS = 32
 SQUARE = 72  # posts to a side of a start square if nothing is asked; as many in all where posts are not square
@@ -97,6 +97,11 @@ def n_level(method: str, options: Mapping[str, Any], defaults: Mapping[str, Any]
     if options["passes"] is None and any(options[name] != defaults[name] for name in OF_PASSES if name in defaults):
         raise InputError(f"{method}: found a tolerance of pass mode without passes, expected both or none")
     return len(bounds) if bounds is not None else 1 + int(options["passes"])
+
+
+def free_levels(method: str, options: Mapping[str, Any], defaults: Mapping[str, Any]) -> list[None]:
+    """Rules of all levels for the borders of a method that breaks none: None for each level."""
+    return [None] * n_level(method, options, defaults)
 
 
 def squares(options: Mapping[str, Any], n_row: int, n_col: int, aspect: float) -> tuple[int, int]:

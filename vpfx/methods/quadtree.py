@@ -7,13 +7,13 @@ O(posts + n log n).
 from __future__ import annotations
 
 from collections.abc import Mapping
+from functools import partial
 from typing import Any
 
 import numpy as np
 
 from vpfx.methods import options as shared
 from vpfx.methods.base import Method, Patch
-from vpfx.methods.borders import LevelRule
 from vpfx.methods.squares import Drawing, Leaves, build_quadtree
 from vpfx.model import Hierarchy
 
@@ -28,16 +28,6 @@ def draw(leaves: Leaves) -> Drawing:
     sw, se, ne, nw = (np.stack([x + i * size, y + j * size], axis=1) for i, j in ((0, 0), (1, 0), (1, 1), (0, 1)))
     corners = np.stack([np.stack([sw, se, ne], axis=1), np.stack([sw, ne, nw], axis=1)], axis=1)
     return Drawing(corners.reshape(-1, 3, 2), np.repeat(np.arange(len(x)), 2))
-
-
-def checked(options: Mapping[str, Any]) -> dict[str, Any]:
-    """Options as plain Python values, each checked by itself."""
-    return shared.checked("quadtree", options)
-
-
-def levels(options: Mapping[str, Any]) -> list[LevelRule | None]:
-    """No border is fixed."""
-    return [None] * shared.n_level("quadtree", options, DEFAULTS)
 
 
 def build(patch: Patch, options: Mapping[str, Any]) -> Hierarchy:
@@ -56,8 +46,8 @@ METHOD = Method(
     voids=False,
     cuts=(),
     defaults=DEFAULTS,
-    checked=checked,
-    levels=levels,
+    checked=partial(shared.checked, "quadtree"),
+    levels=partial(shared.free_levels, "quadtree", defaults=DEFAULTS),
     squares=shared.squares,
     build=build,
 )

@@ -8,6 +8,7 @@ M-510. Cost of a pass: O(posts of the faces + n log n).
 from __future__ import annotations
 
 from collections.abc import Mapping
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -15,9 +16,8 @@ from numpy.typing import NDArray
 
 from vpfx.methods import options as shared
 from vpfx.methods.base import Method, Patch
-from vpfx.methods.borders import LevelRule
 from vpfx.methods.breaks import place_nodes
-from vpfx.methods.refine import ROUNDING, Refinement, build_levels, repeat_passes
+from vpfx.methods.refine import Refinement, build_by_passes
 from vpfx.methods.side_nodes import SideNodes
 from vpfx.model import Hierarchy
 
@@ -56,23 +56,10 @@ def checked(options: Mapping[str, Any]) -> dict[str, Any]:
     return shared.checked("quaternary", options) | {"total": bool(options["total"])}
 
 
-def levels(options: Mapping[str, Any]) -> list[LevelRule | None]:
-    """No border is fixed."""
-    return [None] * shared.n_level("quaternary", options, DEFAULTS)
-
-
 def build(patch: Patch, options: Mapping[str, Any]) -> Hierarchy:
     """Build all levels over one patch."""
     mesh = _Mesh(patch, options)
-    bounds, tolerance = options["max_error"], options["tolerance"] + ROUNDING
-
-    def refine(level: int) -> None:
-        if bounds is not None:
-            repeat_passes(mesh, level, bounds[level], mesh.one_pass)
-        elif level:
-            mesh.one_pass(mesh.leaves, tolerance)
-
-    return build_levels(mesh, bounds if bounds is not None else [np.nan] * (1 + options["passes"]), refine)
+    return build_by_passes(mesh, options, mesh.one_pass)
 
 
 METHOD = Method(
@@ -87,7 +74,7 @@ METHOD = Method(
     cuts=("three edges",),
     defaults=DEFAULTS,
     checked=checked,
-    levels=levels,
+    levels=partial(shared.free_levels, "quaternary", defaults=DEFAULTS),
     squares=shared.squares,
     build=build,
     variants={"selective": {}, "total": {"total": True}},

@@ -28,9 +28,13 @@ __all__ = [
     "BOUND_SLACK",
     "LEAST_SHARE",
     "MOST_PASSES",
+    "NO_SIDES",
+    "PLAIN",
     "ROUNDING",
     "Refinement",
+    "build_by_passes",
     "build_levels",
+    "heights_before",
     "reach_bound",
     "repeat_passes",
 ]
@@ -233,6 +237,29 @@ def build_levels(mesh: Refinement, bounds: Sequence[float], refine: Callable[[in
         node_z_parent=heights_before(nodes, node_level, level_faces, links),
         cuts=np.diff(np.array(cuts), axis=0, prepend=0),
     )  # fmt: skip
+
+
+def build_by_passes(
+    mesh: Refinement, options: Mapping[str, Any], one_pass: Callable[[Faces, float], Faces]
+) -> Hierarchy:
+    """Build all levels of a mesh by passes: as many as it takes towards a bound, else one a level after the start mesh.
+
+    Parameters
+    ----------
+    options : mapping
+        With passes and tolerance, and max_error if the method can hold one.
+    one_pass : callable
+        ``one_pass(faces, bound)`` cuts those of the leaves that are off by more than the bound and returns all children.
+    """
+    bounds, passes = options.get("max_error"), options["passes"]
+
+    def refine(level: int) -> None:
+        if bounds is not None:
+            repeat_passes(mesh, level, bounds[level], one_pass)
+        elif level:
+            one_pass(mesh.leaves, options["tolerance"] + ROUNDING)
+
+    return build_levels(mesh, bounds if bounds is not None else [np.nan] * (1 + passes), refine)
 
 
 def heights_before(

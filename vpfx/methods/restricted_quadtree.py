@@ -7,13 +7,13 @@ M-560. Cost of a pass: O(posts + n log n).
 from __future__ import annotations
 
 from collections.abc import Mapping
+from functools import partial
 from typing import Any
 
 import numpy as np
 
 from vpfx.methods import options as shared
 from vpfx.methods.base import Method, Patch
-from vpfx.methods.borders import LevelRule
 from vpfx.methods.squares import Drawing, Leaves, build_quadtree, name_places
 from vpfx.model import Hierarchy
 from vpfx.topology import NONE
@@ -59,16 +59,6 @@ def draw(leaves: Leaves) -> Drawing:
     return Drawing(np.stack(corners, axis=1)[is_kept], np.nonzero(is_kept)[0])
 
 
-def checked(options: Mapping[str, Any]) -> dict[str, Any]:
-    """Options as plain Python values, each checked by itself."""
-    return shared.checked("restricted_quadtree", options)
-
-
-def levels(options: Mapping[str, Any]) -> list[LevelRule | None]:
-    """No border is fixed."""
-    return [None] * shared.n_level("restricted_quadtree", options, DEFAULTS)
-
-
 def build(patch: Patch, options: Mapping[str, Any]) -> Hierarchy:
     """Build all levels over one patch."""
     return build_quadtree(patch, "restricted_quadtree", options, draw, mend)
@@ -85,8 +75,8 @@ METHOD = Method(
     voids=False,
     cuts=(),
     defaults=DEFAULTS,
-    checked=checked,
-    levels=levels,
+    checked=partial(shared.checked, "restricted_quadtree"),
+    levels=partial(shared.free_levels, "restricted_quadtree", defaults=DEFAULTS),
     squares=shared.squares,
     build=build,
 )

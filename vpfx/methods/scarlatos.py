@@ -8,6 +8,7 @@ shared edges an edge that one face breaks is broken in both. specs/methods.md M-
 from __future__ import annotations
 
 from collections.abc import Mapping
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -15,9 +16,8 @@ from numpy.typing import NDArray
 
 from vpfx.methods import options as shared
 from vpfx.methods.base import Method, Patch
-from vpfx.methods.borders import LevelRule
 from vpfx.methods.breaks import find_significant, place_nodes
-from vpfx.methods.refine import LEAST_SHARE, ROUNDING, Refinement, build_levels, repeat_passes
+from vpfx.methods.refine import LEAST_SHARE, Refinement, build_by_passes
 from vpfx.methods.scan import ScanRule
 from vpfx.methods.side_nodes import SideNodes
 from vpfx.model import CUTS, Hierarchy
@@ -37,11 +37,12 @@ class _Mesh(Refinement):
     def __init__(self, patch: Patch, options: Mapping[str, Any]) -> None:
         super().__init__(patch, options, is_joined=options["shared_edges"])
         self.side_nodes = SideNodes(self.forest)
+        self.must_cut = options["max_error"] is not None
         self.away = options["xy_tolerance"] / patch.post_metres[1]
         self.share = max(options["xy_ratio"], LEAST_SHARE)
 
-    def one_pass(self, faces: Faces, tolerance: float, must_cut: bool) -> Faces:
-        """Cut faces where they are off by more than a tolerance, if need be through their longest sides; return children."""
+    def one_pass(self, faces: Faces, tolerance: float) -> Faces:
+        """Cut faces where they are off by more than a tolerance, towards a bound also through their longest sides."""
         forest = self.forest
         found = self.scan(faces, tolerance, ScanRule(BAND, self.share, self.share, self.away))
         forest.slot[faces] = NONE
@@ -53,7 +54,7 @@ class _Mesh(Refinement):
         )  # fmt: skip
         is_wanted = np.isin(sides, wanted)
         self._break(sides[is_wanted], places[is_wanted])
-        if must_cut:
+        if self.must_cut:
             idle = faces[(self._count_breaks(faces) == 0) & (found.inner_post < 0)]
             sides = self.first_of_twins(self._longest_sides(idle))
             self._break(sides, place_nodes(sides, forest.mesh, self.patch.heights, 0.5, 3))
@@ -88,23 +89,10 @@ def checked(options: Mapping[str, Any]) -> dict[str, Any]:
     return shared.checked("scarlatos", options) | {"shared_edges": bool(options["shared_edges"])}
 
 
-def levels(options: Mapping[str, Any]) -> list[LevelRule | None]:
-    """No border is fixed."""
-    return [None] * shared.n_level("scarlatos", options, DEFAULTS)
-
-
 def build(patch: Patch, options: Mapping[str, Any]) -> Hierarchy:
     """Build all levels over one patch."""
     mesh = _Mesh(patch, options)
-    bounds, tolerance = options["max_error"], options["tolerance"] + ROUNDING
-
-    def refine(level: int) -> None:
-        if bounds is not None:
-            repeat_passes(mesh, level, bounds[level], lambda faces, bound: mesh.one_pass(faces, bound, True))
-        elif level:
-            mesh.one_pass(mesh.leaves, tolerance, False)
-
-    return build_levels(mesh, bounds if bounds is not None else [np.nan] * (1 + options["passes"]), refine)
+    return build_by_passes(mesh, options, mesh.one_pass)
 
 
 METHOD = Method(
@@ -119,7 +107,7 @@ METHOD = Method(
     cuts=CUTS,
     defaults=DEFAULTS,
     checked=checked,
-    levels=levels,
+    levels=partial(shared.free_levels, "scarlatos", defaults=DEFAULTS),
     squares=shared.squares,
     build=build,
     variants={"by itself": {}, "shared edges": {"shared_edges": True}},

@@ -7,14 +7,15 @@ O(posts of the faces).
 from __future__ import annotations
 
 from collections.abc import Mapping
+from functools import partial
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from vpfx.methods import options as shared
 from vpfx.methods.base import Method, Patch
-from vpfx.methods.borders import LevelRule
-from vpfx.methods.refine import LEAST_SHARE, NO_SIDES, ROUNDING, Refinement, build_levels
+from vpfx.methods.refine import LEAST_SHARE, NO_SIDES, Refinement, build_by_passes
 from vpfx.methods.scan import ScanRule
 from vpfx.model import Hierarchy
 
@@ -26,28 +27,17 @@ DEFAULTS: dict[str, Any] = {name: value for name, value in shared.SHARED.items()
 }
 
 
-def checked(options: Mapping[str, Any]) -> dict[str, Any]:
-    """Options as plain Python values, each checked by itself."""
-    return shared.checked("ternary", options)
-
-
-def levels(options: Mapping[str, Any]) -> list[LevelRule | None]:
-    """No level breaks borders."""
-    return [None] * shared.n_level("ternary", options, DEFAULTS)
-
-
 def build(patch: Patch, options: Mapping[str, Any]) -> Hierarchy:
     """Build all levels over one patch: the start mesh, and one a pass."""
     mesh = Refinement(patch, options)
     away = options["xy_tolerance"] / patch.post_metres[1]
     rule = ScanRule(band=-1.0, end_share=0.0, inner_share=max(options["xy_ratio"], LEAST_SHARE), inner_away=away)
 
-    def refine(level: int) -> None:
-        if level:
-            found = mesh.scan(mesh.leaves, options["tolerance"] + ROUNDING, rule)
-            mesh.cut(mesh.leaves, NO_SIDES, mesh.forest.n_node, np.inf, found)
+    def one_pass(faces: NDArray[np.int32], tolerance: float) -> NDArray[np.int32]:
+        found = mesh.scan(faces, tolerance, rule)
+        return mesh.cut(faces, NO_SIDES, mesh.forest.n_node, np.inf, found)[1]
 
-    return build_levels(mesh, [np.nan] * (1 + options["passes"]), refine)
+    return build_by_passes(mesh, options, one_pass)
 
 
 METHOD = Method(
@@ -61,8 +51,8 @@ METHOD = Method(
     voids=True,
     cuts=("centre",),
     defaults=DEFAULTS,
-    checked=checked,
-    levels=levels,
+    checked=partial(shared.checked, "ternary"),
+    levels=partial(shared.free_levels, "ternary", defaults=DEFAULTS),
     squares=shared.squares,
     build=build,
 )
