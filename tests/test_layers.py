@@ -22,7 +22,7 @@ LAYERS = (
     {"dem", "methods", "store"},  # these three do not know each other
     {"patches", "measures"},
     {"pipeline"},
-    {"compare"},
+    {"compare", "plot"},
     {"cli"},
     {"__main__"},
 )

@@ -255,6 +255,45 @@ def info(store: Path, as_json: bool) -> None:
         _print_facts(facts)
 
 
+@app.command()
+@click.argument("store", type=click.Path(path_type=Path))
+@click.option(
+    "-o", "--output", required=True, metavar="PICTURE", type=click.Path(path_type=Path), help="PNG, PDF or SVG."
+)
+@click.option("--level", type=int, help="Level to draw.  [default: the finest]")
+@click.option(
+    "--style", default="shaded", show_default=True,
+    help="plan, wireframe, shaded, relief, slope, level, error (with --dem), attribute (with --attribute).",
+)  # fmt: skip
+@click.option(
+    "--dem", multiple=True, metavar="DEM", help="Elevation file the store was built from; may be given again."
+)
+@click.option("--attribute", metavar="NAME", help="Numbers of the faces to draw: aspect, tile_id, is_filled, …")
+@click.option("--bbox", metavar="X,Y,X,Y", help="Only faces that touch it: min x, min y, max x, max y in CRS units.")
+@click.option("--overwrite", is_flag=True, help="Replace an existing picture.")
+def plot(
+    store: Path, output: Path, level: int | None, style: str, dem: tuple[str, ...], attribute: str | None,
+    bbox: str | None, overwrite: bool,
+) -> None:  # fmt: skip
+    """Draw a level of a store, from above or as a view, with scale bar, north and colour bar.
+
+    Example: vpfx plot n36.gpkg --level 2 --style shaded -o n36.png
+    """
+    from vpfx import plot as plotting
+    from vpfx.store.store import open_store
+
+    with open_store(store) as opened:
+        number = len(opened.levels) - 1 if level is None else level
+        tin = opened.tin(number, None if bbox is None else _numbers(bbox, "bbox", float))
+        line, metres = opened.levels[number], plotting.unit_metres(opened.crs, opened.extent)
+    values = plotting.find_values(tin, style, dem, attribute)
+    bound = "" if line.max_error_bound is None else f", ±{line.max_error_bound:g} m"
+    title = f"{store.name}, level {number}{bound}, {tin.n_face:,} faces"
+    label = attribute if style == "attribute" and attribute else ""
+    plotting.plot_tin(tin, output, style, metres=metres, values=values, title=title, label=label, overwrite=overwrite)
+    print(f"{output}: {output.stat().st_size:,} bytes, {title}")
+
+
 def _print_facts(facts: dict[str, Any]) -> None:
     crs = facts.pop("crs_wkt2")
     options = ", ".join(f"{name}={value}" for name, value in facts.pop("options").items() if value is not None)

@@ -15,9 +15,10 @@ from vpfx.errors import InputError
 from vpfx.geometry import face_shapes
 from vpfx.methods import METHODS
 from vpfx.methods.forest import Forest
-from vpfx.methods.scan import find_worst
+from vpfx.methods.refine import PLAIN
+from vpfx.methods.scan import candidates, find_worst, scan_faces
 from vpfx.model import CUTS, Grid, Hierarchy, Tin
-from vpfx.topology import find_t_junctions, find_twins
+from vpfx.topology import NONE, find_t_junctions, find_twins
 
 __all__ = [
     "Accuracy",
@@ -25,6 +26,7 @@ __all__ = [
     "Shape",
     "Step",
     "cut_equilateral",
+    "face_errors",
     "measure_accuracy",
     "measure_hierarchy",
     "measure_shape",
@@ -191,6 +193,16 @@ def measure_accuracy(tin: Tin, grid: Grid) -> Accuracy:
     size = np.abs(error)
     rmse = float(np.sqrt(np.mean(error * error)))
     return Accuracy(float(size.max()), rmse, float(np.percentile(size, 99)), float(error.mean()), len(error))
+
+
+def face_errors(tin: Tin, grid: Grid) -> Floats:
+    """Greatest vertical error at the valid posts in or on each face, metres, (n_face,); 0 for faces without any."""
+    place = (tin.nodes - np.array([grid.x0, grid.y0, 0.0])) / np.array([grid.dx, grid.dy, 1.0])
+    faces, error = np.arange(tin.n_face, dtype=np.int32), np.empty(tin.n_face)
+    found = candidates(faces, np.full(tin.n_face, NONE, np.int32))
+    mesh = place, tin.face_nodes, np.empty(0, np.int32)
+    scan_faces(faces, mesh, grid.heights, np.empty(grid.heights.shape), np.inf, 1.0, tuple(PLAIN), error, tuple(found))
+    return error
 
 
 def measure_step(coarse: Tin, fine: Tin, links: NDArray[np.integer], rise: Floats, tolerance: float = 0.0) -> Step:

@@ -1,0 +1,288 @@
+"""Drawings of one level with matplotlib: from above or as a view from the south-west, with scale bar, north and colour bar.
+
+Small meshes are drawn as lines and areas, large ones as pixels inside the same frame; edges that would be finer than the
+pixels are left out, so that a million faces take seconds (specs/methods.md M-700).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from pyproj import CRS
+
+from vpfx.dem import read_grid
+from vpfx.errors import InputError, NotFoundError, StoreError
+from vpfx.geometry import face_slopes
+from vpfx.measures import face_errors
+from vpfx.model import Extent, Tin
+
+__all__ = ["STYLES", "Style", "draw_tin", "find_values", "plot_tin", "unit_metres"]
+
+Floats = NDArray[np.float64]
+
+SUN_AZIMUTH, SUN_HEIGHT = 315.0, 45.0  # degrees
+VIEW_AZIMUTH, VIEW_HEIGHT = 20.0, 35.0  # degrees: looking to the north-north-east, so far down
+RELIEF_SHARE = 0.12  # of the extent: how high the relief is drawn in a view, if its own is less
+MOST_VECTORS = 20_000  # faces drawn as vectors in PDF and SVG
+LEAST_EDGE = 4.0  # pixels of a mean face with edges
+DPI = 200
+INCHES = 7.0
+
+
+class Style(NamedTuple):
+    """How a level is drawn.
+
+    Attributes
+    ----------
+    is_view : bool
+        Whether as a view from above the ground, else from straight above.
+    has_edges : bool
+    quantity : str
+        What colours tell, with its unit; empty for none.
+    is_shaded : bool
+        Whether by the sun as well.
+    """
+
+    is_view: bool
+    has_edges: bool
+    quantity: str
+    is_shaded: bool
+
+
+STYLES = {
+    "plan": Style(False, True, "", False),
+    "wireframe": Style(True, True, "", False),
+    "shaded": Style(True, True, "height, m", True),
+    "relief": Style(False, False, "height, m", True),
+    "slope": Style(False, True, "slope, degrees", False),
+    "level": Style(False, True, "level of the newest corner", False),
+    "error": Style(False, True, "greatest error, m", False),
+    "attribute": Style(False, True, "attribute", False),
+}
+
+
+def unit_metres(wkt: str, extent: Extent) -> tuple[float, float]:
+    """Size of a unit of x and of y in the middle of an extent, metres.
+
+    Parameters
+    ----------
+    wkt : str
+        CRS; empty if unknown, which takes units for metres.
+
+    Examples
+    --------
+    >>> width, height = unit_metres("EPSG:4326", Extent(10.0, 59.0, 11.0, 61.0))
+    >>> round(width), round(height)
+    (55800, 111412)
+    """
+    if not wkt:
+        return 1.0, 1.0
+    crs = CRS.from_user_input(wkt)
+    factor = crs.axis_info[0].unit_conversion_factor  # to metres or to radians
+    geod, degrees = crs.get_geod(), float(np.degrees(factor))
+    if not crs.is_geographic or geod is None:
+        return factor, factor
+    x, y = (extent.min_x + extent.max_x) / 2 * degrees, (extent.min_y + extent.max_y) / 2 * degrees
+    width, height = geod.inv(x - 0.0005, y, x + 0.0005, y)[2], geod.inv(x, y - 0.0005, x, y + 0.0005)[2]
+    return width * 1000 * degrees, height * 1000 * degrees
+
+
+def _pyplot() -> Any:
+    """Return matplotlib's pyplot, or say how to install it."""
+    try:
+        import matplotlib
+    except ImportError:
+        raise NotFoundError("plot: found no matplotlib, expected it: pip install 'vpfx[plot]'") from None
+    matplotlib.use("Agg")
+    from matplotlib import pyplot
+
+    return pyplot
+
+
+def draw_tin(
+    axis: Any, tin: Tin, style: str, *, metres: tuple[float, float] = (1.0, 1.0), values: Floats | None = None,
+    title: str = "",
+) -> Any:  # fmt: skip
+    """Draw a level into axes of matplotlib.
+
+    Parameters
+    ----------
+    axis : matplotlib.axes.Axes
+    tin : Tin
+    style : str
+        Name in `STYLES`.
+    metres : tuple of float
+        Size of a unit of x and of y, metres.
+    values : float64 (n_face,), optional
+        What the colours of the styles error and attribute tell.
+
+    Returns
+    -------
+    matplotlib.cm.ScalarMappable or None
+        For a colour bar.
+
+    Raises
+    ------
+    InputError
+        There is no such style, no face, or values are missing.
+    """
+    if style not in STYLES:
+        raise InputError(f"plot: found style {style!r}, expected one of: {', '.join(STYLES)}")
+    if tin.n_face == 0:
+        raise InputError("plot: found no face, expected some")
+    look = STYLES[style]
+    nodes = tin.nodes * np.array([*metres, 1.0])
+    nodes = nodes - np.append(nodes[:, :2].min(axis=0), nodes[:, 2].mean())
+    quantity = _quantity(tin, nodes, style, values)
+    place, order = _project(nodes, tin.face_nodes) if look.is_view else (nodes[:, :2], np.arange(tin.n_face))
+    colours, scale = _colours(nodes, tin.face_nodes, look, quantity)
+    _paint(axis, place[tin.face_nodes[order]], colours[order], look)
+    _decorate(axis, place, look, title)
+    return scale
+
+
+def _quantity(tin: Tin, nodes: Floats, style: str, values: Floats | None) -> Floats | None:
+    """What the colours of a style tell of each face."""
+    found: dict[str, Callable[[], Any]] = {
+        "shaded": lambda: tin.nodes[:, 2][tin.face_nodes].mean(axis=1),
+        "slope": lambda: face_slopes(nodes, tin.face_nodes)[0],
+        "level": lambda: tin.node_attributes["level"][tin.face_nodes].max(axis=1).astype(np.float64),
+    }
+    found["relief"] = found["shaded"]
+    if style in ("error", "attribute"):
+        if values is None or len(values) != tin.n_face:
+            raise InputError(f"plot: found no value for each face, which style {style} needs")
+        return np.asarray(values, np.float64)
+    return np.asarray(found[style](), np.float64) if style in found else None
+
+
+def _project(nodes: Floats, face_nodes: NDArray[np.int32]) -> tuple[Floats, NDArray[np.int64]]:
+    """Places of the nodes in a parallel view, metres, and the faces from the farthest to the nearest."""
+    size, relief = np.ptp(nodes[:, :2], axis=0).max(), max(float(np.ptp(nodes[:, 2])), 1e-9)
+    raised = max(1.0, RELIEF_SHARE * size / relief)
+    azimuth, height = np.radians(VIEW_AZIMUTH), np.radians(VIEW_HEIGHT)
+    across = nodes[:, 0] * np.cos(azimuth) - nodes[:, 1] * np.sin(azimuth)
+    away = nodes[:, 0] * np.sin(azimuth) + nodes[:, 1] * np.cos(azimuth)
+    up = away * np.sin(height) + raised * nodes[:, 2] * np.cos(height)
+    order = np.argsort(-away[face_nodes].mean(axis=1), kind="stable")
+    return np.stack([across, up], axis=1), order
+
+
+def _colours(nodes: Floats, face_nodes: NDArray[np.int32], look: Style, quantity: Floats | None) -> tuple[Floats, Any]:
+    """Colour of each face, and what a colour bar needs."""
+    from matplotlib import colormaps
+    from matplotlib.cm import ScalarMappable
+    from matplotlib.colors import Normalize
+
+    scale, colours = None, np.ones((len(face_nodes), 4))
+    if quantity is not None:
+        low, high = float(np.nanmin(quantity)), float(np.nanmax(quantity))
+        earth = look.quantity.startswith("height")
+        scale = ScalarMappable(
+            Normalize(low, high if high > low else low + 1.0), colormaps["gist_earth" if earth else "viridis"]
+        )
+        colours = scale.to_rgba(quantity)
+    if look.is_shaded:
+        slope, aspect = (np.radians(np.nan_to_num(part)) for part in face_slopes(nodes, face_nodes))
+        height, azimuth = np.radians(SUN_HEIGHT), np.radians(SUN_AZIMUTH)
+        light = np.sin(height) * np.cos(slope) + np.cos(height) * np.sin(slope) * np.cos(azimuth - aspect)
+        colours[:, :3] *= (0.25 + 0.75 * np.clip(light, 0.0, 1.0))[:, None]
+    return colours, scale
+
+
+def _paint(axis: Any, corners: Floats, colours: Floats, look: Style) -> None:
+    """Put the faces into the axes."""
+    from matplotlib.collections import PolyCollection
+
+    low, high = corners.reshape(-1, 2).min(axis=0), corners.reshape(-1, 2).max(axis=0)
+    pixels = INCHES * DPI / max(float((high - low).max()), 1e-9)
+    has_edges = look.has_edges and float((high - low).prod()) * pixels**2 / len(corners) > LEAST_EDGE
+    faces = PolyCollection(
+        corners,  # type: ignore[arg-type]
+        facecolors=colours, edgecolors="#00000080" if has_edges else "face",
+        linewidths=0.25 if has_edges else 0.1, rasterized=len(corners) > MOST_VECTORS, antialiaseds=has_edges,
+    )  # fmt: skip
+    axis.add_collection(faces)
+    margin = 0.02 * (high - low)
+    axis.set_xlim(low[0] - margin[0], high[0] + margin[0])
+    axis.set_ylim(low[1] - 5 * margin[1], high[1] + margin[1])
+    axis.set_aspect("equal")
+    axis.set_axis_off()
+
+
+def _decorate(axis: Any, place: Floats, look: Style, title: str) -> None:
+    """Add a scale bar, north and a title."""
+    (x0, y0), (x1, y1) = place.min(axis=0), place.max(axis=0)
+    width = x1 - x0
+    length = 10.0 ** np.floor(np.log10(width / 4))
+    length *= max(step for step in (1, 2, 5) if step * length <= width / 4)
+    y = y0 - 0.05 * (y1 - y0)
+    axis.plot([x0, x0 + length], [y, y], color="black", linewidth=2, solid_capstyle="butt")
+    text = f"{length / 1000:g} km" if length >= 1000 else f"{length:g} m"
+    axis.text(x0 + 1.05 * length, y, text, va="center", fontsize=8)
+    turn, flat = (np.radians(-VIEW_AZIMUTH), np.sin(np.radians(VIEW_HEIGHT))) if look.is_view else (0.0, 1.0)
+    foot = np.array([x1 - 0.05 * width, y0 - 0.075 * (y1 - y0)])
+    tip = foot + np.array([np.sin(turn), np.cos(turn) * flat]) * 0.05 * min(width, y1 - y0)
+    axis.annotate("N", foot, tip, ha="center", va="center", fontsize=8, arrowprops={"arrowstyle": "<-"})
+    axis.set_title(title, fontsize=9)
+
+
+def find_values(tin: Tin, style: str, dem: Sequence[str], attribute: str | None) -> Floats | None:
+    """What the styles error and attribute draw: errors at the posts of a DEM, or an attribute of the faces.
+
+    Raises
+    ------
+    InputError
+        There is no DEM for errors, or no such attribute.
+    """
+    if style == "error":
+        if not dem:
+            raise InputError("plot: found no DEM, expected one for style error; give --dem")
+        return face_errors(tin, read_grid(list(dem)))
+    if style == "attribute":
+        if attribute not in tin.face_attributes:
+            known = ", ".join(sorted(tin.face_attributes))
+            raise InputError(f"plot: found attribute {attribute!r}, expected one of: {known}")
+        return np.asarray(tin.face_attributes[attribute], np.float64)
+    return None
+
+
+def plot_tin(
+    tin: Tin, path: str | Path, style: str = "shaded", *, metres: tuple[float, float] = (1.0, 1.0),
+    values: Floats | None = None, title: str = "", label: str = "", overwrite: bool = False,
+) -> None:  # fmt: skip
+    """Draw a level into a picture: PNG, PDF or SVG, by the suffix.
+
+    Parameters
+    ----------
+    tin, style, metres, values, title
+        As for `draw_tin`.
+    label : str
+        What the colour bar says instead of the quantity of the style.
+
+    Raises
+    ------
+    InputError, NotFoundError, StoreError
+        As for `draw_tin`; the suffix is another; matplotlib is missing; the file exists or cannot be written.
+    """
+    path = Path(path)
+    if path.suffix.lower() not in (".png", ".pdf", ".svg"):
+        raise InputError(f"{path}: found suffix {path.suffix!r}, expected .png, .pdf or .svg")
+    if path.exists() and not overwrite:
+        raise StoreError(f"{path}: found an existing file; give another name or --overwrite")
+    pyplot = _pyplot()
+    figure, axis = pyplot.subplots(figsize=(INCHES, INCHES), layout="constrained")
+    try:
+        scale = draw_tin(axis, tin, style, metres=metres, values=values, title=title)
+        if scale is not None:
+            figure.colorbar(scale, ax=axis, shrink=0.7, label=label or STYLES[style].quantity)
+        try:
+            figure.savefig(path, dpi=DPI, metadata={"Date": None} if path.suffix.lower() == ".svg" else None)
+        except OSError as error:
+            raise StoreError(f"{path}: cannot be written: {error.strerror}") from error
+    finally:
+        pyplot.close(figure)
