@@ -15,10 +15,9 @@ from vpfx.errors import InputError
 from vpfx.geometry import face_shapes
 from vpfx.methods import METHODS
 from vpfx.methods.forest import Forest
-from vpfx.methods.refine import PLAIN
-from vpfx.methods.scan import candidates, find_worst, scan_faces
+from vpfx.methods.scan import find_worst, scan_mesh
 from vpfx.model import CUTS, Grid, Hierarchy, Tin
-from vpfx.topology import NONE, find_t_junctions, find_twins
+from vpfx.topology import find_t_junctions, find_twins
 
 __all__ = [
     "Accuracy",
@@ -182,11 +181,10 @@ def measure_accuracy(tin: Tin, grid: Grid) -> Accuracy:
     InputError
         The level covers no valid post.
     """
-    place = (tin.nodes - np.array([grid.x0, grid.y0, 0.0])) / np.array([grid.dx, grid.dy, 1.0])
     is_filled = tin.face_attributes.get("is_filled", np.zeros(tin.n_face, bool))
     faces = np.flatnonzero(~is_filled).astype(np.int32)
     error = np.empty(grid.heights.shape)
-    find_worst(faces, (place, tin.face_nodes, np.empty(0, np.int32)), grid.heights, error)
+    find_worst(faces, _to_posts(tin, grid), tin.face_nodes, grid.heights, error)
     error = error[~np.isnan(error)]
     if len(error) == 0:
         raise InputError("measure: found no valid post under the faces, expected some; is it the right DEM?")
@@ -195,14 +193,15 @@ def measure_accuracy(tin: Tin, grid: Grid) -> Accuracy:
     return Accuracy(float(size.max()), rmse, float(np.percentile(size, 99)), float(error.mean()), len(error))
 
 
+def _to_posts(tin: Tin, grid: Grid) -> Floats:
+    """Nodes in posts of a grid; heights in metres."""
+    nodes: Floats = (tin.nodes - np.array([grid.x0, grid.y0, 0.0])) / np.array([grid.dx, grid.dy, 1.0])
+    return nodes
+
+
 def face_errors(tin: Tin, grid: Grid) -> Floats:
     """Greatest vertical error at the valid posts in or on each face, metres, (n_face,); 0 for faces without any."""
-    place = (tin.nodes - np.array([grid.x0, grid.y0, 0.0])) / np.array([grid.dx, grid.dy, 1.0])
-    faces, error = np.arange(tin.n_face, dtype=np.int32), np.empty(tin.n_face)
-    found = candidates(faces, np.full(tin.n_face, NONE, np.int32))
-    mesh = place, tin.face_nodes, np.empty(0, np.int32)
-    scan_faces(faces, mesh, grid.heights, np.empty(grid.heights.shape), np.inf, 1.0, tuple(PLAIN), error, tuple(found))
-    return error
+    return scan_mesh(_to_posts(tin, grid), tin.face_nodes, grid.heights, np.empty(grid.heights.shape))[0]
 
 
 def measure_step(coarse: Tin, fine: Tin, links: NDArray[np.integer], rise: Floats, tolerance: float = 0.0) -> Step:

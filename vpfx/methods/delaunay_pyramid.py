@@ -7,6 +7,7 @@ faces that share area. specs/methods.md M-540. Cost: O(n log n) for each round, 
 from __future__ import annotations
 
 from collections.abc import Mapping
+from functools import partial
 from itertools import pairwise
 from typing import Any
 
@@ -18,16 +19,15 @@ from vpfx.geometry import shared_areas
 from vpfx.methods import options as shared
 from vpfx.methods.base import Method, Patch
 from vpfx.methods.borders import LevelRule
-from vpfx.methods.refine import BOUND_SLACK, MOST_PASSES, PLAIN, ROUNDING
-from vpfx.methods.scan import candidates, measure, scan_faces
-from vpfx.methods.start import Start, border_nodes_of, start_mesh, triangulate
+from vpfx.methods.refine import BOUND_SLACK, MOST_PASSES, ROUNDING
+from vpfx.methods.scan import measure, scan_mesh
+from vpfx.methods.start import Start, border_nodes_of, fixed_sides_of, start_mesh, triangulate
 from vpfx.model import CUTS, Hierarchy
-from vpfx.topology import NONE, find_twins
+from vpfx.topology import find_twins
 
 __all__ = ["METHOD", "build"]
 
 DEFAULTS: dict[str, Any] = dict(shared.SHARED)
-Mask = NDArray[np.bool_]
 
 
 class _Pyramid:
@@ -40,12 +40,7 @@ class _Pyramid:
         self.is_node = np.zeros(patch.heights.shape, bool)
         self.is_node[start.posts[:, 0], start.posts[:, 1]] = True
         self.residual = np.full(patch.heights.shape, np.nan)
-        south, east, north, west = (border.is_fixed for border in patch.borders)
-        self.is_fixed = np.zeros(patch.heights.shape, bool)
-        for line, is_fixed in ((0, south), (-1, north)):
-            self.is_fixed[line] |= is_fixed
-        for line, is_fixed in ((0, west), (-1, east)):
-            self.is_fixed[:, line] |= is_fixed
+        self.is_fixed = fixed_sides_of(patch)
 
     def triangulate(self, level: int) -> Start:
         """Triangulate the nodes so far, those of fixed borders at a level among them."""
@@ -54,19 +49,12 @@ class _Pyramid:
         self.is_node |= border_nodes_of(self.patch, level)
         return triangulate(self.patch, np.zeros_like(self.is_node), self.is_node, 1)
 
-    def scan(self, mesh: Start) -> tuple[NDArray[np.float64], NDArray[np.int64], NDArray[np.int32]]:
-        """Find the greatest error of each face, the post where it is, and the twins of the sides."""
+    def scan(self, mesh: Start) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+        """Find the greatest error of each face, and the post where it is."""
         heights = self.patch.heights
         row, col = mesh.posts.T
         nodes = np.stack([col, row, heights[row, col]], axis=1).astype(np.float64)
-        n_face = len(mesh.face_nodes)
-        faces, twin = np.arange(n_face, dtype=np.int32), find_twins(mesh.face_nodes, len(nodes))
-        found, error = candidates(faces, np.full(n_face, NONE, np.int32)), np.empty(n_face)
-        scan_faces(
-            faces, (nodes, mesh.face_nodes, twin), heights, self.residual, np.inf, self.patch.aspect, tuple(PLAIN), error,
-            tuple(found),
-        )  # fmt: skip
-        return error, found.face_post, twin
+        return scan_mesh(nodes, mesh.face_nodes, heights, self.residual)
 
     def add(self, posts: NDArray[np.int64]) -> bool:
         """Make posts nodes, but none on a fixed border; tell whether any was new."""
@@ -77,7 +65,7 @@ class _Pyramid:
 
     def one_pass(self, level: int, tolerance: float) -> Start:
         """Add the worst post of every face that is off by more than a tolerance."""
-        error, post, _ = self.scan(self.triangulate(level))
+        error, post = self.scan(self.triangulate(level))
         self.add(post[error > tolerance])
         return self.triangulate(level)
 
@@ -85,21 +73,17 @@ class _Pyramid:
         """Add the worst posts of faces that are off by more than their neighbours, until none is over the bound."""
         for _ in range(MOST_PASSES):
             mesh = self.triangulate(level)
-            error, post, twin = self.scan(mesh)
-            beside = np.where(twin.reshape(-1, 3) >= 0, error[twin.reshape(-1, 3) // 3], -1.0).max(axis=1, initial=-1.0)
+            error, post = self.scan(mesh)
             is_over = error > bound
             if not is_over.any():
                 return mesh
+            twin = find_twins(mesh.face_nodes, len(mesh.posts)).reshape(-1, 3)
+            beside = np.where(twin >= 0, error[twin // 3], -1.0).max(axis=1)
             if not self.add(post[is_over & (error >= beside)]):
                 raise InvariantError(
                     f"delaunay_pyramid: level {level}: found a post over the bound that cannot be added"
                 )
         raise InvariantError(f"delaunay_pyramid: level {level}: found no end after {MOST_PASSES} rounds")
-
-
-def checked(options: Mapping[str, Any]) -> dict[str, Any]:
-    """Options as plain Python values, each checked by itself."""
-    return shared.checked("delaunay_pyramid", options)
 
 
 def levels(options: Mapping[str, Any]) -> list[LevelRule | None]:
@@ -161,7 +145,7 @@ METHOD = Method(
     voids=True,
     cuts=(),
     defaults=DEFAULTS,
-    checked=checked,
+    checked=partial(shared.checked, "delaunay_pyramid"),
     levels=levels,
     squares=shared.squares,
     build=build,

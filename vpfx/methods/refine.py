@@ -18,7 +18,7 @@ from vpfx.methods import breaks
 from vpfx.methods.base import Patch
 from vpfx.methods.cut import count_cuts
 from vpfx.methods.forest import Forest
-from vpfx.methods.scan import Candidates, ScanRule, candidates, find_worst, measure, scan_faces
+from vpfx.methods.scan import PLAIN, Candidates, ScanRule, candidates, find_worst, measure, scan_faces
 from vpfx.methods.start import start_mesh
 from vpfx.methods.trial import Terms, choose_diagonals
 from vpfx.model import Hierarchy
@@ -29,7 +29,6 @@ __all__ = [
     "LEAST_SHARE",
     "MOST_PASSES",
     "NO_SIDES",
-    "PLAIN",
     "ROUNDING",
     "Refinement",
     "build_by_passes",
@@ -48,7 +47,6 @@ LEAST_SHARE = 1e-6  # of an edge: nearer to an end, or to an edge from inside, a
 BOUND_SLACK = 1e-6  # the builder works to the bound less this share, so that rounding never shows a post over it
 MOST_PASSES = 1000  # a level takes 10 to 40; more is a bug
 NO_SIDES = np.empty(0, np.int32)
-PLAIN = ScanRule(band=-1.0, end_share=0.0, inner_share=1.0, inner_away=0.0)  # errors only
 
 
 class Refinement:
@@ -100,7 +98,7 @@ class Refinement:
         self.scan(new, np.inf, PLAIN)
         forest.slot[new] = -1
         if not forest.is_joined:
-            find_worst(self.leaves, forest.mesh, self.patch.heights, self.residual)
+            find_worst(self.leaves, forest.nodes, forest.face_nodes, self.patch.heights, self.residual)
         return measure(self.residual, self.patch.is_owned)
 
     def first_of_twins(self, sides: Sides) -> Sides:

@@ -9,10 +9,12 @@ from typing import NamedTuple
 
 import numpy as np
 from numba import njit
+from numpy.typing import NDArray
 
 from vpfx.topology import NONE
 
 __all__ = [
+    "PLAIN",
     "Candidates",
     "ScanRule",
     "candidates",
@@ -22,6 +24,7 @@ __all__ = [
     "place_sides",
     "rows_of",
     "scan_faces",
+    "scan_mesh",
     "surface_height",
 ]
 
@@ -48,6 +51,10 @@ class ScanRule(NamedTuple):
     end_share: float
     inner_share: float
     inner_away: float
+
+
+PLAIN = ScanRule(band=-1.0, end_share=0.0, inner_share=1.0, inner_away=0.0)  # errors only
+NO_TWINS = np.empty(0, np.int32)  # errors do not hang on neighbours
 
 
 class Candidates(NamedTuple):
@@ -247,8 +254,45 @@ def scan_faces(faces, mesh, heights, residual, threshold, aspect, rule, face_err
         face_error[face], face_post[k], inner_post[k] = worst, worst_post, inner_at
 
 
+def scan_mesh(
+    nodes: NDArray[np.float64],
+    face_nodes: NDArray[np.int32],
+    heights: NDArray[np.float64],
+    residual: NDArray[np.float64],
+) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+    """Compare all faces of a mesh with their posts.
+
+    Parameters
+    ----------
+    nodes : float64 (n_node, 3)
+        In posts; heights in metres.
+    face_nodes : int32 (n_face, 3)
+    heights, residual
+        As for `scan_faces`.
+
+    Returns
+    -------
+    error : float64 (n_face,)
+        Greatest vertical error in or on each face, metres; 0 without a valid post.
+    post : int64 (n_face,)
+        Where that is, -1 if nowhere.
+
+    Examples
+    --------
+    >>> nodes, heights = np.array([[0.0, 0, 0], [2, 0, 0], [0, 2, 0]]), np.zeros((3, 3))
+    >>> heights[0, 1] = 5.0
+    >>> scan_mesh(nodes, np.array([[0, 1, 2]], np.int32), heights, np.empty((3, 3)))
+    (array([5.]), array([1]))
+    """
+    faces = np.arange(len(face_nodes), dtype=np.int32)
+    found, error = candidates(faces, np.full(len(faces), NONE, np.int32)), np.empty(len(faces))
+    mesh = nodes, face_nodes, NO_TWINS
+    scan_faces(faces, mesh, heights, residual, np.inf, 1.0, tuple(PLAIN), error, tuple(found))
+    return error, found.face_post
+
+
 @njit(nogil=True, cache=True)
-def find_worst(faces, mesh, heights, residual):
+def find_worst(faces, nodes, face_nodes, heights, residual):
     """Find how far above every post some faces are, metres; where faces differ, that which is farthest off counts.
 
     Parameters
@@ -257,7 +301,6 @@ def find_worst(faces, mesh, heights, residual):
         Takes surface less post; NaN for posts in none of the faces.
     """
     n_row, n_col = heights.shape
-    nodes, face_nodes, _ = mesh
     corner, steps = np.empty((3, 3)), np.empty((3, 7))
     residual[:] = np.nan
     for face in faces:

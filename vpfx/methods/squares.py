@@ -16,11 +16,11 @@ from numpy.typing import NDArray
 
 from vpfx.errors import InputError, InvariantError
 from vpfx.methods.base import Patch
-from vpfx.methods.refine import BOUND_SLACK, MOST_PASSES, PLAIN, heights_before
-from vpfx.methods.scan import candidates, find_worst, measure, scan_faces, surface_height
+from vpfx.methods.refine import BOUND_SLACK, MOST_PASSES, heights_before
+from vpfx.methods.scan import find_worst, measure, scan_mesh, surface_height
 from vpfx.methods.start import grid_posts
 from vpfx.model import CUTS, Hierarchy
-from vpfx.topology import NONE, find_twins
+from vpfx.topology import NONE
 
 __all__ = ["Drawing", "Leaves", "build_quadtree"]
 
@@ -129,13 +129,10 @@ def _draw(lattice: _Lattice, leaves: Leaves, draw: Callable[[Leaves], Drawing], 
     keys = name_places(drawing.corners[..., 0], drawing.corners[..., 1])
     names, index = np.unique(keys, return_inverse=True)
     face_nodes = np.ascontiguousarray(index.reshape(-1, 3), np.int32)
-    nodes, faces = lattice.nodes(names), np.arange(len(face_nodes), dtype=np.int32)
-    mesh = nodes, face_nodes, find_twins(face_nodes, len(nodes))
-    found, error = candidates(faces, np.full(len(faces), NONE, np.int32)), np.empty(len(faces))
-    residual = np.full(patch.heights.shape, np.nan)
-    scan_faces(faces, mesh, patch.heights, residual, np.inf, patch.aspect, tuple(PLAIN), error, tuple(found))
+    nodes, residual = lattice.nodes(names), np.full(patch.heights.shape, np.nan)
+    error, _ = scan_mesh(nodes, face_nodes, patch.heights, residual)
     if not is_adjacent:
-        find_worst(faces, mesh, patch.heights, residual)
+        find_worst(np.arange(len(face_nodes), dtype=np.int32), nodes, face_nodes, patch.heights, residual)
     return _Level(leaves, drawing, keys, error, measure(residual, patch.is_owned))
 
 

@@ -20,7 +20,7 @@ from vpfx.errors import InvariantError
 from vpfx.methods.base import Patch
 from vpfx.methods.ground import distances, inner_posts, is_covered, outline_nodes, outline_segments
 
-__all__ = ["Start", "border_nodes_of", "grid_posts", "start_mesh", "triangulate"]
+__all__ = ["Start", "border_nodes_of", "fixed_sides_of", "grid_posts", "start_mesh", "triangulate"]
 
 
 class Start(NamedTuple):
@@ -157,7 +157,7 @@ def triangulate(patch: Patch, on_grid: NDArray[np.bool_], is_node: NDArray[np.bo
     domain = np.full_like(patch.squares, 15) if patch.keeps_voids else patch.squares
     is_side = np.zeros(on_grid.shape, bool)
     is_side[[0, -1], :] = is_side[:, [0, -1]] = True
-    free = is_side & on_grid & ~_fixed_side(patch)
+    free = is_side & on_grid & ~fixed_sides_of(patch)
     corners = outline_nodes(domain) | (outline_nodes(patch.squares) if patch.keeps_voids else False)
     is_corner = corners | is_node | free
     inner = ~is_side & (on_grid | _graded_posts(outline_nodes(patch.squares) & ~is_side, spacing))
@@ -180,7 +180,7 @@ def triangulate(patch: Patch, on_grid: NDArray[np.bool_], is_node: NDArray[np.bo
     return Start(posts[used], renumber[faces], ~has_data)
 
 
-def _fixed_side(patch: Patch) -> NDArray[np.bool_]:
+def fixed_sides_of(patch: Patch) -> NDArray[np.bool_]:
     """Posts on fixed borders."""
     south, east, north, west = patch.borders
     fixed = np.zeros(patch.heights.shape, bool)
