@@ -6,7 +6,7 @@ CREATE TABLE metadata (                    -- R-110: what was built, from what, 
   value TEXT NOT NULL                      -- text; JSON where it has parts
 );
 
-CREATE TABLE source (                      -- R-111: the elevation files
+CREATE TABLE source (                      -- R-111: the files of posts and features
   source_id INTEGER PRIMARY KEY,           -- in order of name
   name TEXT NOT NULL,                      -- file name without folder
   sha256 TEXT NOT NULL,                    -- of the whole file, hexadecimal

@@ -16,7 +16,16 @@ SHARED = Path(__file__).resolve().parents[2] / "shared"
 
 def shared_dem(name: str) -> Path:
     """Return a DEM of the shared data beside the repository, or skip the test."""
-    path = SHARED / "data" / "dem" / name
+    return _shared("dem", name)
+
+
+def shared_feature(name: str) -> Path:
+    """Return a file of lines or areas of the shared data beside the repository, or skip the test."""
+    return _shared("features", name)
+
+
+def _shared(kind: str, name: str) -> Path:
+    path = SHARED / "data" / kind / name
     if not path.is_file():
-        pytest.skip(f"../shared/data/dem/{name} is absent")
+        pytest.skip(f"../shared/data/{kind}/{name} is absent")
     return path

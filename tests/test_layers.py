@@ -20,7 +20,7 @@ LAYERS = (
     {"geometry"},
     {"topology"},
     {"dem", "methods", "store"},  # these three do not know each other
-    {"patches", "measures"},
+    {"features", "patches", "measures"},
     {"pipeline"},
     {"compare", "plot"},
     {"cli"},

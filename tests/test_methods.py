@@ -32,19 +32,22 @@ class Case(NamedTuple):
     bounded: bool
     tiled: bool
     voids: bool
+    features: str
 
 
 def read_cases():
     """Return the rows of the table by method and options."""
     found = {}
     section = SPECS.read_text(encoding="utf-8").split("### M-490")[1].split("###")[0]
-    for method, option, *kept in re.findall(
-        r"^\| `(\w+)` \| (.*?) ?\| (\w+) \| (\w+) \| (\w+) \| (\w+) \| (\w+) \|$", section, re.M
+    for method, option, *kept, features in re.findall(
+        r"^\| `(\w+)` \| (.*?) ?\| (\w+) \| (\w+) \| (\w+) \| (\w+) \| (\w+) \| (\S+) \|$", section, re.M
     ):
         assert set(kept) <= {"yes", "no"}
         name = option.strip("`- ").replace("-", "_")
         options = {name: True} if name in METHODS[method].defaults else {}
-        found[f"{method} {option.strip('`')}".strip()] = Case(method, options, *(word == "yes" for word in kept))
+        found[f"{method} {option.strip('`')}".strip()] = Case(
+            method, options, *(word == "yes" for word in kept), features
+        )
     return found
 
 
@@ -95,6 +98,7 @@ def test_the_page_tells_of_every_method():
         rows = [case for case in CASES.values() if case.method == name]
         for kept in ("adjacent", "nested", "bounded", "tiled", "voids"):
             assert all(getattr(case, kept) for case in rows) == getattr(method, kept), (name, kept)
+        assert {case.features for case in rows} == {method.features or "–"}
         assert method.bounded == ("max_error" in method.defaults)
 
 

@@ -29,6 +29,7 @@ USAGE, FAILURE, INTERRUPTED = 2, 3, 130  # exit codes; 0 is good, 1 is for findi
 MAX_ERROR = (40.0, 20.0, 10.0, 5.0)  # bounds where none are given, metres
 PASSES = 3  # of methods that hold no bound
 OF_DEM = ("crs", "bbox", "band", "nodata", "vertical_unit", "vertical_datum")  # options of `vpfx.dem.open_dem`
+OF_FEATURES = {"features_layer": "layer", "features_z": "use_z"}  # options of `vpfx.features.read_features`
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
@@ -108,7 +109,8 @@ def app() -> None:
     "--method",
     default="wynne",
     show_default=True,
-    help="ternary, quaternary, cat, delaunay_pyramid, quadtree, restricted_quadtree, scarlatos, wynne.",
+    help="ternary, quaternary, cat, delaunay_pyramid, constrained_delaunay_pyramid, quadtree, restricted_quadtree, "
+    "scarlatos, wynne.",
 )
 @click.option(
     "--max-error", metavar="A,B,…", help="Bound of each level, coarse to fine, metres.  [default: 40,20,10,5]"
@@ -152,6 +154,16 @@ def app() -> None:
     "--start", default="grid", show_default=True, help="Start mesh: grid, or delaunay of the most significant posts."
 )
 @click.option("--start-posts", default=200, show_default=True, help="Posts of the delaunay start of a tile.")
+@click.option(
+    "--features",
+    multiple=True,
+    metavar="FILE",
+    help="Surveyed lines and areas: prescribed edges of constrained_delaunay_pyramid, further points of wynne's passes.",
+)
+@click.option("--features-layer", metavar="NAME", help="Layer of such a file with several.")
+@click.option(
+    "--features-z", is_flag=True, help="Their vertices keep their own z, metres, instead of the DEM's heights."
+)
 @click.option("--seed", default=0, show_default=True, help="Start of all random choices.")
 @click.option("--fill", is_flag=True, help="Fill voids by interpolation and mark the faces there.")
 @click.option("--crs", metavar="EPSG:4326", help="CRS of files that state none.")
@@ -179,6 +191,7 @@ def build(dem: tuple[str, ...], output: str, as_json: bool, quiet: bool, **value
         part = METHODS.get(values["method"])
         given |= {"max_error": MAX_ERROR} if part is None or part.bounded else {"passes": PASSES}
     dem_options = {name: given.pop(name) for name in OF_DEM if name in given}
+    given["feature_options"] = {to: given.pop(name) for name, to in OF_FEATURES.items() if name in given}
     with _progress(quiet or as_json) as progress:
         report = pipeline.build(dem, output, progress=progress, dem_options=dem_options, **given)
     if as_json:

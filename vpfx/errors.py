@@ -7,6 +7,7 @@ from __future__ import annotations
 
 __all__ = [
     "DemFormatError",
+    "FeatureFormatError",
     "FormatError",
     "InputError",
     "InvariantError",
@@ -62,6 +63,10 @@ class FormatError(VpfxError):
 
 class DemFormatError(FormatError):
     """An elevation file cannot be read as a grid of posts."""
+
+
+class FeatureFormatError(FormatError):
+    """A file cannot be read as surveyed points, lines and areas."""
 
 
 class StoreFormatError(FormatError):

@@ -7,7 +7,7 @@ import shapely
 from numba import njit
 from numpy.typing import NDArray
 
-__all__ = ["face_shapes", "face_slopes", "heights_on_faces", "shared_areas"]
+__all__ = ["barycentric", "face_shapes", "face_slopes", "heights_on_faces", "shared_areas"]
 
 Floats = NDArray[np.float64]
 
@@ -104,6 +104,37 @@ def face_shapes(nodes: Floats, face_nodes: NDArray[np.int32]) -> tuple[Floats, F
     return sliveriness, smallest
 
 
+def barycentric(corner: Floats, places: Floats) -> Floats:
+    """Shares of the corners of faces in places, one face a place.
+
+    Parameters
+    ----------
+    corner : float64 (n, 3, 2 or 3)
+    places : float64 (n, 2)
+
+    Returns
+    -------
+    float64 (n, 3)
+        Each row sums up to 1; none is negative in the face.
+
+    Examples
+    --------
+    >>> barycentric(np.array([[[0, 0], [4, 0], [0, 4.0]]]), np.array([[1, 1.0]])).tolist()
+    [[0.5, 0.25, 0.25]]
+    """
+    to_b, to_c, to_place = (
+        (corner[:, 1] - corner[:, 0])[:, :2],
+        (corner[:, 2] - corner[:, 0])[:, :2],
+        places - corner[:, 0, :2],
+    )
+    area = to_b[:, 0] * to_c[:, 1] - to_b[:, 1] * to_c[:, 0]
+    share = np.empty((len(places), 3))
+    share[:, 1] = (to_place[:, 0] * to_c[:, 1] - to_place[:, 1] * to_c[:, 0]) / area
+    share[:, 2] = (to_b[:, 0] * to_place[:, 1] - to_b[:, 1] * to_place[:, 0]) / area
+    share[:, 0] = 1.0 - share[:, 1] - share[:, 2]
+    return share
+
+
 def heights_on_faces(nodes: Floats, face_nodes: NDArray[np.int32], face: NDArray[np.integer], places: Floats) -> Floats:
     """Heights of faces at places in or on them.
 
@@ -131,16 +162,7 @@ def heights_on_faces(nodes: Floats, face_nodes: NDArray[np.int32], face: NDArray
     array([2., 2.])
     """
     corner = nodes[face_nodes[face]]
-    to_b, to_c, to_place = (
-        (corner[:, 1] - corner[:, 0])[:, :2],
-        (corner[:, 2] - corner[:, 0])[:, :2],
-        places - corner[:, 0, :2],
-    )
-    area = to_b[:, 0] * to_c[:, 1] - to_b[:, 1] * to_c[:, 0]
-    share = np.empty((len(places), 3))
-    share[:, 1] = (to_place[:, 0] * to_c[:, 1] - to_place[:, 1] * to_c[:, 0]) / area
-    share[:, 2] = (to_b[:, 0] * to_place[:, 1] - to_b[:, 1] * to_place[:, 0]) / area
-    share[:, 0] = 1.0 - share[:, 1] - share[:, 2]
+    share = barycentric(corner, places)
     height = (share * corner[..., 2]).sum(axis=1)
     off = share.argmin(axis=1)
     on = np.flatnonzero(share[np.arange(len(places)), off] < ON_EDGE)

@@ -117,19 +117,23 @@ class PatchReader:
         Start of all random choices.
     has_more : bool
         As in `Patch`.
+    lines : tuple of float64 (n, 3)
+        Surveyed lines: u, v in posts of the DEM, heights in metres or NaN.
     """
 
     def __init__(
         self, dem: Posts, tiling: Tiling, method: Method, options: Mapping[str, Any], fill: bool = False, seed: int = 0,
-        has_more: bool = False,
+        has_more: bool = False, lines: tuple[Floats, ...] = (),
     ) -> None:  # fmt: skip
+        self._lines = lines
+        self._bounds = np.array([[*line[:, :2].min(axis=0), *line[:, :2].max(axis=0)] for line in lines]).reshape(-1, 4)
         self._dem, self._tiling, self._seed, self._has_more = dem, tiling, seed, has_more
         self._rules = method.levels(options)
         width, height = dem.post_metres(0, dem.n_row, 0, dem.n_col)
         self._aspect = width / height
         self._method, self._options = method, options
         self.ground = Ground(0, 0, 0, 0.0, 0.0)
-        self._lines = FilledLines(dem, tiling) if fill and tiling.n_tile > 1 else None
+        self._filled_lines = FilledLines(dem, tiling) if fill and tiling.n_tile > 1 else None
         self._fill = fill
 
     def read(self, tile: Tile) -> Patch:
@@ -157,7 +161,17 @@ class PatchReader:
             seed=self._seed * self._tiling.n_tile + tile.number,
             n_square=self._method.squares(self._options, len(heights), heights.shape[1], self._aspect),
             has_more=self._has_more,
+            lines=self._lines_on(tile),
         )
+
+    def _lines_on(self, tile: Tile) -> tuple[Floats, ...]:
+        """Lines whose bounds touch a tile, in its posts."""
+        west, south, east, north = self._bounds.T
+        touches = (
+            (west <= tile.last_col) & (east >= tile.first_col) & (south <= tile.last_row) & (north >= tile.first_row)
+        )
+        corner = np.array([tile.first_col, tile.first_row, 0.0])
+        return tuple(self._lines[i] - corner for i in np.flatnonzero(touches))
 
     def _count(
         self, tile: Tile, squares: NDArray[np.uint8], valid: NDArray[np.bool_], metres: tuple[float, float]
@@ -175,12 +189,12 @@ class PatchReader:
 
     def _fill_voids(self, tile: Tile, heights: Floats) -> Floats:
         heights = heights.copy()
-        if self._lines:
+        if self._filled_lines:
             rows, cols = slice(tile.first_row, tile.last_row + 1), slice(tile.first_col, tile.last_col + 1)
             for line, row in ((0, tile.first_row), (-1, tile.last_row)):
-                heights[line] = self._lines.across[row][cols]
+                heights[line] = self._filled_lines.across[row][cols]
             for line, col in ((0, tile.first_col), (-1, tile.last_col)):
-                heights[:, line] = self._lines.along[col][rows]
+                heights[:, line] = self._filled_lines.along[col][rows]
         valid = ~np.isnan(heights)
         if not valid.any():
             raise InputError(NOTHING_TO_FILL)

@@ -18,7 +18,8 @@ from vpfx import __version__
 from vpfx.checks import whole_number, whole_numbers
 from vpfx.dem import Dem, open_dem
 from vpfx.errors import InputError
-from vpfx.methods import METHODS, Method, Patch, checked_options
+from vpfx.features import Features, lines_in_posts, read_features
+from vpfx.methods import METHODS, Method, Patch, check_features, checked_options
 from vpfx.model import Grid, Hierarchy
 from vpfx.patches import Ground, PatchReader
 from vpfx.registry import pick
@@ -32,6 +33,7 @@ __all__ = ["BuildReport", "build", "build_hierarchy"]
 Progress = Callable[[int, int], None]
 LEAST_BOUND, MOST_BOUND = 1e-3, 1e5  # metres: where that search starts
 BUDGET_SHARE = 1e-3  # it ends when the bound is known to this share of itself
+NO_FEATURES = Features((), ())
 MOST_SEED = (1 << 31) - 1  # times the number of tiles it still fits into 64 bits
 
 
@@ -73,6 +75,8 @@ def build(
     overwrite: bool = False,
     progress: Progress | None = None,
     dem_options: Mapping[str, Any] | None = None,
+    features: str | os.PathLike[str] | Sequence[str | os.PathLike[str]] = (),
+    feature_options: Mapping[str, Any] | None = None,
     **options: Any,
 ) -> BuildReport:
     """Turn elevation files into a store.
@@ -101,6 +105,10 @@ def build(
         Called with the tiles done and the tiles in all.
     dem_options : mapping, optional
         Options of `vpfx.dem.open_dem`: crs, bbox, band, nodata, vertical_unit, vertical_datum.
+    features : path or sequence of paths
+        Surveyed points, lines and areas, as for `vpfx.features.read_features`, of which some methods make nodes or edges.
+    feature_options : mapping, optional
+        Options of `read_features`: layer, use_z.
     **options
         Options of the method.
 
@@ -110,7 +118,7 @@ def build(
 
     Raises
     ------
-    InputError, NotFoundError, DemFormatError, StoreError
+    InputError, NotFoundError, DemFormatError, FeatureFormatError, StoreError
         What was passed, the files, or the place of the store do not do; nothing is left behind.
 
     Notes
@@ -131,30 +139,45 @@ def build(
     budgets = None if max_faces is None else _checked_budgets(max_faces, part, chosen)
     n_worker = (os.cpu_count() or 1) if workers is None else whole_number(workers, "workers", 1)
     seed = whole_number(seed, "seed", 0, MOST_SEED)
+    if features:
+        check_features(part, chosen)
+    elif feature_options:
+        raise InputError(f"features: found {', '.join(sorted(feature_options))}, but no file; give features")
     check_target(Path(output), overwrite)
     with open_dem(paths, **(dem_options or {})) as dem:
         if Path(output).exists() and any(os.path.samefile(source.path, output) for source in dem.sources):
             raise InputError(f"output: found {output}, which is one of the elevation files; give another name")
+        found = read_features(features, dem.crs, dem.extent, **(feature_options or {})) if features else NO_FEATURES
+        lines = lines_in_posts(found.lines, dem.x0, dem.y0, dem.dx, dem.dy)
         if budgets is not None:
-            chosen["max_error"] = _fit_budget(dem, part, chosen, budgets, tile_size, n_worker, fill, seed)
+            chosen["max_error"] = _fit_budget(dem, part, chosen, budgets, tile_size, n_worker, fill, seed, lines)
         tiling = _tiling(dem, part, tile_size, len(part.levels(chosen)))
         place = Place(dem.x0, dem.y0, dem.dx, dem.dy)
         with StoreWriter(Path(output), tiling, place, dem.crs, overwrite) as writer:
-            reader = PatchReader(dem, tiling, part, chosen, fill, seed)
+            reader = PatchReader(dem, tiling, part, chosen, fill, seed, lines=lines)
             for tile, patch, hierarchy in _built(reader, tiling, part, chosen, n_worker):
                 writer.add(tile, hierarchy, patch.post_metres)
                 if progress:
                     progress(tile.number + 1, tiling.n_tile)
             _check_ground(reader.ground, fill)
             bounds = list(chosen["max_error"]) if chosen.get("max_error") is not None else [None] * tiling.n_level
-            metadata = _metadata(dem, part, chosen, budgets, tiling.tile_size, fill, seed, reader.ground)
-            sources = [(s.name, s.sha256, s.n_byte, s.driver) for s in sorted(dem.sources, key=lambda s: s.name)]
+            given = {"max_faces": budgets, "features": [source.name for source in found.sources] or None}
+            metadata = _metadata(dem, part, chosen | given, tiling.tile_size, fill, seed, reader.ground)
+            every = sorted((*dem.sources, *found.sources), key=lambda source: source.name)
+            sources = [(source.name, source.sha256, source.n_byte, source.driver) for source in every]
             levels = writer.finish(bounds, metadata, sources)
     return BuildReport(Path(output), tuple(levels), reader.ground, tiling.n_tile, time.perf_counter() - start)
 
 
 def build_hierarchy(
-    grid: Grid, /, *, method: str = "wynne", fill: bool = False, seed: int = 0, **options: Any
+    grid: Grid,
+    /,
+    *,
+    method: str = "wynne",
+    fill: bool = False,
+    seed: int = 0,
+    lines: Sequence[Any] = (),
+    **options: Any,
 ) -> Hierarchy:
     """Build the levels of one grid in memory, as one tile.
 
@@ -163,6 +186,8 @@ def build_hierarchy(
     grid : Grid
     method, fill, seed, **options
         As for `build`.
+    lines : sequence of float64 (n, 2 or 3)
+        Surveyed lines: x and y in CRS units, z in metres; a line of one vertex is a point.
 
     Returns
     -------
@@ -178,9 +203,12 @@ def build_hierarchy(
     part = pick(METHODS, method, "method")
     chosen = checked_options(part, options)
     seed = whole_number(seed, "seed", 0, MOST_SEED)
+    if len(lines):
+        check_features(part, chosen)
+    lines = lines_in_posts(lines, grid.x0, grid.y0, grid.dx, grid.dy)
     n_row, n_col = grid.heights.shape
     tiling = Tiling(n_row, n_col, max(n_row, n_col, 8), len(part.levels(chosen)))
-    patch = PatchReader(_GridDem(grid), tiling, part, chosen, fill, seed).read(tiling.tile(0))
+    patch = PatchReader(_GridDem(grid), tiling, part, chosen, fill, seed, lines=lines).read(tiling.tile(0))
     local = part.build(patch, chosen)
     nodes = local.nodes * np.array([grid.dx, grid.dy, 1.0]) + np.array([grid.x0, grid.y0, 0.0])
     link_area = tuple(area * grid.dx * grid.dy for area in local.link_area)
@@ -244,14 +272,14 @@ def _checked_budgets(max_faces: Any, method: Method, options: Mapping[str, Any])
 
 def _fit_budget(
     dem: Dem, method: Method, options: Mapping[str, Any], budgets: list[int], tile_size: int, n_worker: int,
-    fill: bool, seed: int,
+    fill: bool, seed: int, lines: tuple[Any, ...],
 ) -> list[float]:  # fmt: skip
     """Smallest bound of each level that needs no more faces than its budget, level by level from the coarsest."""
 
     def n_face(bounds: list[float], has_more: bool) -> int:
         chosen = {**options, "max_error": bounds}
         tiling = _tiling(dem, method, tile_size, len(bounds))
-        reader = PatchReader(dem, tiling, method, chosen, fill, seed, has_more)
+        reader = PatchReader(dem, tiling, method, chosen, fill, seed, has_more, lines)
         count = sum(h.tin(len(bounds) - 1).n_face for _, _, h in _built(reader, tiling, method, chosen, n_worker))
         _check_ground(reader.ground, fill)
         return count
@@ -277,15 +305,14 @@ def _fit_budget(
 
 
 def _metadata(
-    dem: Dem, method: Method, options: Mapping[str, Any], budgets: list[int] | None, tile_size: int, fill: bool,
-    seed: int, ground: Ground,
+    dem: Dem, method: Method, options: Mapping[str, Any], tile_size: int, fill: bool, seed: int, ground: Ground,
 ) -> dict[str, Any]:  # fmt: skip
     """Rows of the table `metadata`."""
     return {
         "software": f"vpfx {__version__}",
         "method": method.name,
         "method_source": method.source,
-        "options": {**options, "max_faces": budgets, "tile_size": tile_size, "fill": bool(fill)},
+        "options": {**options, "tile_size": tile_size, "fill": bool(fill)},
         "seed": seed,
         "vertical_unit": "metre",
         "source_vertical_unit": dem.vertical_unit,

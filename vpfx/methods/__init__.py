@@ -2,6 +2,7 @@
 
 from vpfx.methods import (
     cat,
+    constrained_delaunay_pyramid,
     delaunay_pyramid,
     quadtree,
     quaternary,
@@ -10,16 +11,17 @@ from vpfx.methods import (
     ternary,
     wynne,
 )
-from vpfx.methods.base import Border, Method, Patch, checked_options
+from vpfx.methods.base import Border, Method, Patch, check_features, checked_options
 from vpfx.registry import table
 
-__all__ = ["METHODS", "Border", "Method", "Patch", "checked_options"]
+__all__ = ["METHODS", "Border", "Method", "Patch", "check_features", "checked_options"]
 
 METHODS = table(
     ternary.METHOD,
     quaternary.METHOD,
     cat.METHOD,
     delaunay_pyramid.METHOD,
+    constrained_delaunay_pyramid.METHOD,
     quadtree.METHOD,
     restricted_quadtree.METHOD,
     scarlatos.METHOD,

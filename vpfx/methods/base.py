@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from vpfx.errors import InputError
 from vpfx.model import Hierarchy
 
-__all__ = ["NEVER", "Border", "Method", "Patch", "checked_options"]
+__all__ = ["NEVER", "Border", "Method", "Patch", "check_features", "checked_options"]
 
 NEVER = np.iinfo(np.int32).max  # rank of a post that is a node at no level
 
@@ -63,6 +63,8 @@ class Patch:
         Rows and columns of squares of the start grid.
     has_more : bool
         Whether finer levels than those asked for will follow: while bounds are looked for, level by level.
+    lines : tuple of float64 (n, 3)
+        Surveyed lines that touch the patch, those of one vertex being points: u, v, and heights in metres, NaN for none.
     """
 
     heights: NDArray[np.float64]
@@ -74,6 +76,7 @@ class Patch:
     seed: int = 0
     n_square: tuple[int, int] = (1, 1)
     has_more: bool = False
+    lines: tuple[NDArray[np.float64], ...] = ()
 
     @property
     def aspect(self) -> float:
@@ -112,6 +115,8 @@ class Method:
         number hangs on the posts along its side and on the width of a post spacing by its height in the middle of the DEM.
     build : callable
         ``build(patch, options) -> Hierarchy`` with nodes in posts of the patch.
+    features : str
+        What it makes of surveyed lines and areas: ``edges`` of every level, ``points`` that may become nodes, or "" nothing.
     variants : mapping
         Names of the forms in which it is compared, and their options.
     """
@@ -130,6 +135,7 @@ class Method:
     levels: Callable[[Mapping[str, Any]], list[Any]]
     squares: Callable[[Mapping[str, Any], int, int, float], tuple[int, int]]
     build: Callable[[Patch, Mapping[str, Any]], Hierarchy]
+    features: str = ""
     variants: Mapping[str, Mapping[str, Any]] = field(default_factory=lambda: {"": {}})
 
 
@@ -148,3 +154,17 @@ def checked_options(method: Method, options: Mapping[str, Any]) -> dict[str, Any
         known = ", ".join(sorted(method.defaults))
         raise InputError(f"method {method.name}: found option {unknown[0]!r}, expected one of: {known}")
     return method.checked({**method.defaults, **options})
+
+
+def check_features(method: Method, options: Mapping[str, Any]) -> None:
+    """Refuse surveyed lines for a method that makes nothing of them, at least not with these options.
+
+    Raises
+    ------
+    InputError
+        It is such a method.
+    """
+    if not method.features:
+        raise InputError(f"features: found method {method.name}, which makes nothing of lines; leave them out")
+    if method.features == "points" and options.get("passes") is None:
+        raise InputError(f"features: found method {method.name} with bounds, expected passes: no bound holds at points")

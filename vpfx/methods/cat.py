@@ -36,7 +36,7 @@ class _Mesh(Refinement):
         sides = self.first_of_twins((3 * faces.astype(np.int64)[:, None] + np.arange(3)).ravel())
         self.break_twins(sides, place_nodes(sides, forest.mesh, self.patch.heights, 0.5, 3))
         to_cut = np.concatenate([faces, self.find_across(faces)])
-        return self.cut_at(to_cut, np.full(len(to_cut), -1, np.int64))
+        return self.cut_at(to_cut, np.full((len(to_cut), 3), np.nan))
 
 
 def build(patch: Patch, options: Mapping[str, Any]) -> Hierarchy:

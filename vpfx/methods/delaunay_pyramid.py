@@ -1,137 +1,26 @@
 """Delaunay pyramid (De Floriani 1989): each level the Delaunay triangulation of a growing set of posts.
 
-Posts are added where the error is greatest until the bound of the level holds. Levels are not nested: links are the pairs of
-faces that share area. specs/methods.md M-540. Cost: O(n log n) for each round, and some tens of rounds a level.
+specs/methods.md M-540.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from functools import partial
-from itertools import pairwise
 from typing import Any
 
-import numpy as np
-from numpy.typing import NDArray
-
-from vpfx.errors import InvariantError
-from vpfx.geometry import shared_areas
 from vpfx.methods import options as shared
 from vpfx.methods.base import Method, Patch
-from vpfx.methods.borders import LevelRule
-from vpfx.methods.refine import BOUND_SLACK, MOST_PASSES, ROUNDING
-from vpfx.methods.scan import measure, scan_mesh
-from vpfx.methods.start import Start, border_nodes_of, fixed_sides_of, start_mesh, triangulate
-from vpfx.model import CUTS, Hierarchy
-from vpfx.topology import find_twins
+from vpfx.methods.lines import NO_LINES
+from vpfx.methods.pyramid import build_pyramid, levels
+from vpfx.model import Hierarchy
 
 __all__ = ["METHOD", "build"]
-
-DEFAULTS: dict[str, Any] = dict(shared.SHARED)
-
-
-class _Pyramid:
-    """The triangulation in the making over one patch."""
-
-    def __init__(self, patch: Patch, options: Mapping[str, Any]) -> None:
-        significant = options["start_posts"] if options["start"] == "delaunay" else 0
-        start = start_mesh(patch, *patch.n_square, significant)
-        self.patch = patch
-        self.is_node = np.zeros(patch.heights.shape, bool)
-        self.is_node[start.posts[:, 0], start.posts[:, 1]] = True
-        self.residual = np.full(patch.heights.shape, np.nan)
-        self.is_fixed = fixed_sides_of(patch)
-
-    def triangulate(self, level: int) -> Start:
-        """Triangulate the nodes so far, those of fixed borders at a level among them."""
-        if not self.patch.squares.any() and not self.patch.keeps_voids:
-            return Start(np.empty((0, 2), np.int32), np.empty((0, 3), np.int32), np.empty(0, bool))
-        self.is_node |= border_nodes_of(self.patch, level)
-        return triangulate(self.patch, np.zeros_like(self.is_node), self.is_node, 1)
-
-    def scan(self, mesh: Start) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
-        """Find the greatest error of each face, and the post where it is."""
-        heights = self.patch.heights
-        row, col = mesh.posts.T
-        nodes = np.stack([col, row, heights[row, col]], axis=1).astype(np.float64)
-        return scan_mesh(nodes, mesh.face_nodes, heights, self.residual)
-
-    def add(self, posts: NDArray[np.int64]) -> bool:
-        """Make posts nodes, but none on a fixed border; tell whether any was new."""
-        row, col = np.divmod(posts, self.patch.heights.shape[1])
-        is_new = ~self.is_fixed[row, col] & ~self.is_node[row, col]
-        self.is_node[row[is_new], col[is_new]] = True
-        return bool(is_new.any())
-
-    def one_pass(self, level: int, tolerance: float) -> Start:
-        """Add the worst post of every face that is off by more than a tolerance."""
-        error, post = self.scan(self.triangulate(level))
-        self.add(post[error > tolerance])
-        return self.triangulate(level)
-
-    def reach_bound(self, level: int, bound: float) -> Start:
-        """Add the worst posts of faces that are off by more than their neighbours, until none is over the bound."""
-        for _ in range(MOST_PASSES):
-            mesh = self.triangulate(level)
-            error, post = self.scan(mesh)
-            is_over = error > bound
-            if not is_over.any():
-                return mesh
-            twin = find_twins(mesh.face_nodes, len(mesh.posts)).reshape(-1, 3)
-            beside = np.where(twin >= 0, error[twin // 3], -1.0).max(axis=1)
-            if not self.add(post[is_over & (error >= beside)]):
-                raise InvariantError(
-                    f"delaunay_pyramid: level {level}: found a post over the bound that cannot be added"
-                )
-        raise InvariantError(f"delaunay_pyramid: level {level}: found no end after {MOST_PASSES} rounds")
-
-
-def levels(options: Mapping[str, Any]) -> list[LevelRule | None]:
-    """Rule of every level for the borders."""
-    n_level = shared.n_level("delaunay_pyramid", options, DEFAULTS)
-    if options["max_error"] is not None:
-        return [LevelRule(bound * (1.0 - BOUND_SLACK), 0.0, 0.0, 0.0, True) for bound in options["max_error"]]
-    rule = LevelRule(options["tolerance"] + ROUNDING, 0.0, 0.0, 0.0, False)
-    return [None, *[rule] * (n_level - 1)]
 
 
 def build(patch: Patch, options: Mapping[str, Any]) -> Hierarchy:
     """Build all levels over one patch."""
-    pyramid = _Pyramid(patch, options)
-    bounds, tolerance = options["max_error"], options["tolerance"] + ROUNDING
-    n_level = len(levels(options))
-    meshes, measures = [], []
-    for level in range(n_level):
-        if bounds is not None:
-            mesh = pyramid.reach_bound(level, bounds[level] * (1.0 - BOUND_SLACK))
-        else:
-            mesh = pyramid.one_pass(level, tolerance) if level else pyramid.triangulate(0)
-            pyramid.scan(mesh)
-        meshes.append(mesh)
-        measures.append(measure(pyramid.residual, patch.is_owned))
-    return _to_hierarchy(patch, meshes, measures, bounds if bounds is not None else [np.nan] * n_level)
-
-
-def _to_hierarchy(patch: Patch, meshes: list[Start], measures: list[Any], bounds: list[float]) -> Hierarchy:
-    """Number the nodes by level, and link the faces of neighbouring levels."""
-    level_of = np.full(patch.heights.shape, len(meshes), np.int32)
-    for level in reversed(range(len(meshes))):
-        level_of[meshes[level].posts[:, 0], meshes[level].posts[:, 1]] = level
-    row, col = np.nonzero(level_of < len(meshes))
-    order = np.argsort(level_of[row, col], kind="stable")
-    row, col = row[order], col[order]
-    index = np.empty(patch.heights.shape, np.int32)
-    index[row, col] = np.arange(len(row))
-    nodes = np.stack([col, row, patch.heights[row, col]], axis=1).astype(np.float64)
-    faces = [index[mesh.posts[:, 0], mesh.posts[:, 1]][mesh.face_nodes] for mesh in meshes]
-    steps = [shared_areas(nodes, coarse, fine) for coarse, fine in pairwise(faces)]
-    errors, squared, posts = zip(*measures, strict=True)
-    return Hierarchy(
-        nodes, level_of[row, col], tuple(faces), tuple(pairs for pairs, _ in steps),
-        tuple(mesh.is_filled for mesh in meshes), tuple(bounds), errors, squared, posts,
-        node_z_parent=np.full(len(nodes), np.nan), cuts=np.zeros((len(meshes), len(CUTS)), np.int64),
-        link_area=tuple(area for _, area in steps),
-    )  # fmt: skip
+    return build_pyramid(patch, options, NO_LINES)
 
 
 METHOD = Method(
@@ -144,9 +33,9 @@ METHOD = Method(
     tiled=True,
     voids=True,
     cuts=(),
-    defaults=DEFAULTS,
+    defaults=shared.SHARED,
     checked=partial(shared.checked, "delaunay_pyramid"),
-    levels=levels,
+    levels=partial(levels, "delaunay_pyramid"),
     squares=shared.squares,
     build=build,
 )

@@ -68,10 +68,8 @@ class Refinement:
     def __init__(self, patch: Patch, options: Mapping[str, Any], is_joined: bool = True, diagonal: int = 0) -> None:
         significant = options["start_posts"] if options["start"] == "delaunay" else 0
         start = start_mesh(patch, *patch.n_square, significant)
-        row, col = start.posts[:, 0], start.posts[:, 1]
-        nodes = np.stack([col, row, patch.heights[row, col]], axis=1).astype(np.float64)
         self.patch = patch
-        self.forest = Forest(nodes, np.ascontiguousarray(start.face_nodes), start.is_filled, is_joined)
+        self.forest = Forest(start.nodes, np.ascontiguousarray(start.face_nodes), start.is_filled, is_joined)
         self.leaves = np.arange(self.forest.n_face, dtype=np.int32)
         self.residual = np.full(patch.heights.shape, np.nan)
         self.diagonal = diagonal
@@ -124,7 +122,10 @@ class Refinement:
         twin = self.forest.side_twin[(3 * faces[:, None] + np.arange(3))[self.is_broken(faces)]]
         return np.setdiff1d(twin[twin != NONE] // 3, faces).astype(np.int32)
 
-    def cut(self, faces: Faces, broken: Faces, first_node: int, bound: float, found: Candidates) -> tuple[Faces, Faces]:
+    def cut(
+        self, faces: Faces, broken: Faces, first_node: int, bound: float, found: Candidates,
+        inside: tuple[Faces, Places] | None = None,
+    ) -> tuple[Faces, Faces]:  # fmt: skip
         """Cut at broken sides, and scanned faces without one inside; return the faces cut and their children.
 
         Parameters
@@ -133,20 +134,31 @@ class Refinement:
             What was scanned.
         broken : int32 (n,)
             Sides; their nodes are counted from `first_node`.
+        inside : tuple of int32 (n,) and float64 (n, 3), optional
+            Further faces, and places inside, at which those are cut that have no broken side.
         """
         forest = self.forest
         most = 2 * len(broken) + len(faces)
         to_cut, post = np.empty(most, np.int32), np.empty(most, np.int64)
         n_cut = breaks.list_cuts(faces, broken, first_node, forest.mesh, forest.side_node, tuple(found), to_cut, post)
-        return to_cut[:n_cut], self.cut_at(to_cut[:n_cut], post[:n_cut], bound)
+        faces, places = to_cut[:n_cut], self.place_posts(post[:n_cut])
+        if inside is not None:
+            is_whole = ~self.is_broken(inside[0]).any(axis=1)
+            faces, places = np.append(faces, inside[0][is_whole]), np.concatenate([places, inside[1][is_whole]])
+        return faces, self.cut_at(faces, places, bound)
 
-    def cut_at(self, faces: Faces, post: NDArray[np.int64], bound: float = np.inf) -> Faces:
-        """Cut faces by the breaks they have and a post inside, -1 for none; return their children."""
+    def place_posts(self, post: NDArray[np.int64]) -> Places:
+        """Return the places of posts, NaN for post -1."""
+        heights = self.patch.heights
+        row, col = np.divmod(post, heights.shape[1])
+        return np.where((post >= 0)[:, None], np.stack([col, row, heights[row, col]], axis=1), np.nan)
+
+    def cut_at(self, faces: Faces, places: Places, bound: float = np.inf) -> Faces:
+        """Cut faces by the breaks they have and at a place inside, NaN for none; return their children."""
         forest, patch = self.forest, self.patch
-        has_post = post >= 0
-        row, col = np.divmod(post[has_post], patch.heights.shape[1])
-        inner_node = np.where(has_post, forest.n_node + np.cumsum(has_post) - 1, -1).astype(np.int32)
-        forest.add_nodes(np.stack([col, row, patch.heights[row, col]], axis=1))
+        has_place = ~np.isnan(places[:, 0])
+        inner_node = np.where(has_place, forest.n_node + np.cumsum(has_place) - 1, -1).astype(np.int32)
+        forest.add_nodes(places[has_place])
         is_flipped = choose_diagonals(
             faces, forest.nodes, forest.face_nodes, forest.side_node, patch.heights, self.terms(bound)
         )

@@ -20,6 +20,7 @@ __all__ = [
     "candidates",
     "columns_of",
     "find_worst",
+    "heights_at",
     "measure",
     "place_sides",
     "rows_of",
@@ -125,6 +126,15 @@ def _height_by_void(heights, row, col, x, y):
             if not np.isnan(corner) and distance < nearest:
                 nearest, height = distance, corner
     return height
+
+
+@njit(nogil=True, cache=True)
+def heights_at(heights, u, v):
+    """Heights of the posts' surface at some places, float64 (n,), see `surface_height`."""
+    found = np.empty(len(u))
+    for i in range(len(u)):
+        found[i] = surface_height(heights, u[i], v[i])
+    return found
 
 
 @njit(nogil=True, cache=True, inline="always")

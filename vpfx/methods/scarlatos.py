@@ -63,7 +63,8 @@ class _Mesh(Refinement):
         is_cut = (n_break > 0) | (post != NONE)
         across = self.find_across(faces)
         to_cut = np.concatenate([faces[is_cut], across])
-        return self.cut_at(to_cut, np.concatenate([post[is_cut], np.full(len(across), NONE, np.int64)]))
+        post = np.concatenate([post[is_cut], np.full(len(across), NONE, np.int64)])
+        return self.cut_at(to_cut, self.place_posts(post))
 
     def _count_breaks(self, faces: Faces) -> NDArray[np.int64]:
         """Count the broken sides of faces."""

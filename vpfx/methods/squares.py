@@ -11,13 +11,12 @@ from itertools import pairwise
 from typing import Any, NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from vpfx.errors import InputError, InvariantError
 from vpfx.methods.base import Patch
 from vpfx.methods.refine import BOUND_SLACK, MOST_PASSES, heights_before
-from vpfx.methods.scan import find_worst, measure, scan_mesh, surface_height
+from vpfx.methods.scan import find_worst, heights_at, measure, scan_mesh
 from vpfx.methods.start import grid_posts
 from vpfx.model import CUTS, Hierarchy
 from vpfx.topology import NONE
@@ -94,7 +93,7 @@ class _Lattice:
     def nodes(self, keys: Places) -> NDArray[np.float64]:
         """Return u, v and the height of the posts' surface of named places."""
         u, v = _along(self.cols, keys & 0xFFFFFFFF), _along(self.rows, keys >> 32)
-        return np.stack([u, v, _heights_at(self.patch.heights, u, v)], axis=1)
+        return np.stack([u, v, heights_at(self.patch.heights, u, v)], axis=1)
 
 
 def _along(lines: NDArray[np.int64], units: Places) -> NDArray[np.float64]:
@@ -102,15 +101,6 @@ def _along(lines: NDArray[np.int64], units: Places) -> NDArray[np.float64]:
     square = np.minimum(units // UNIT, len(lines) - 2)
     posts: NDArray[np.float64] = lines[square] + (units - square * UNIT) / UNIT * (lines[square + 1] - lines[square])
     return posts
-
-
-@njit(nogil=True, cache=True)
-def _heights_at(heights, u, v):  # type: ignore[no-untyped-def]
-    """Heights of the posts' surface at some places."""
-    found = np.empty(len(u))
-    for i in range(len(u)):
-        found[i] = surface_height(heights, u[i], v[i])
-    return found
 
 
 class _Level(NamedTuple):

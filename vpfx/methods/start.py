@@ -19,8 +19,11 @@ from numpy.typing import NDArray
 from vpfx.errors import InvariantError
 from vpfx.methods.base import Patch
 from vpfx.methods.ground import distances, inner_posts, is_covered, outline_nodes, outline_segments
+from vpfx.methods.lines import NO_LINES, Lines
 
-__all__ = ["Start", "border_nodes_of", "fixed_sides_of", "grid_posts", "start_mesh", "triangulate"]
+__all__ = ["NOTHING", "Start", "border_nodes_of", "fixed_sides_of", "grid_posts", "start_mesh", "triangulate"]
+
+ASPECT_STEP = 1.0 / 1024  # what the width of a post spacing by its height is rounded to for triangulating
 
 
 class Start(NamedTuple):
@@ -28,17 +31,20 @@ class Start(NamedTuple):
 
     Attributes
     ----------
-    posts : int32 (n_node, 2)
-        (row, column) of each node.
+    nodes : float64 (n_node, 3)
+        u, v in posts, height in metres; those that are no posts stand last.
     face_nodes : int32 (n_face, 3)
         Counter-clockwise.
     is_filled : bool (n_face,)
         Faces on ground without data.
     """
 
-    posts: NDArray[np.int32]
+    nodes: NDArray[np.float64]
     face_nodes: NDArray[np.int32]
     is_filled: NDArray[np.bool_]
+
+
+NOTHING = Start(np.empty((0, 3)), np.empty((0, 3), np.int32), np.empty(0, bool))
 
 
 def grid_posts(n_post: int, n_square: int) -> NDArray[np.int64]:
@@ -78,13 +84,13 @@ def start_mesh(patch: Patch, n_row: int, n_col: int, n_significant: int = 0) -> 
     shape = patch.heights.shape
     rows, cols = grid_posts(shape[0], n_row), grid_posts(shape[1], n_col)
     if not patch.squares.any() and not patch.keeps_voids:
-        return Start(np.empty((0, 2), np.int32), np.empty((0, 3), np.int32), np.empty(0, bool))
+        return NOTHING
     is_border_node = border_nodes_of(patch)
     plain = not n_significant and (patch.squares == 15).all()
     on_grid = np.zeros(shape, bool)
     on_grid[np.ix_(rows, cols)] = True
     if plain and not (is_border_node & ~on_grid).any():
-        return _cut_squares(rows, cols)
+        return _cut_squares(patch, rows, cols)
     if n_significant:
         on_grid[1:-1, 1:-1] = False
         on_grid |= _significant_posts(patch.heights, n_significant)
@@ -102,9 +108,8 @@ def border_nodes_of(patch: Patch, level: int | None = None) -> NDArray[np.bool_]
     return is_node
 
 
-def _cut_squares(rows: NDArray[np.int64], cols: NDArray[np.int64]) -> Start:
+def _cut_squares(patch: Patch, rows: NDArray[np.int64], cols: NDArray[np.int64]) -> Start:
     row, col = np.meshgrid(rows, cols, indexing="ij")
-    posts = np.stack([row.ravel(), col.ravel()], axis=1).astype(np.int32)
     n_col = len(cols)
     j, i = np.meshgrid(np.arange(len(rows) - 1), np.arange(n_col - 1), indexing="ij")
     a = (j * n_col + i).ravel()
@@ -113,7 +118,12 @@ def _cut_squares(rows: NDArray[np.int64], cols: NDArray[np.int64]) -> Start:
     lower = np.where(leans, np.stack([a, b, d], axis=1), np.stack([a, b, c], axis=1))
     upper = np.where(leans, np.stack([b, c, d], axis=1), np.stack([a, c, d], axis=1))
     faces = np.stack([lower, upper], axis=1).reshape(-1, 3).astype(np.int32)
-    return Start(posts, faces, np.zeros(len(faces), bool))
+    return Start(_place_posts(patch, row.ravel(), col.ravel()), faces, np.zeros(len(faces), bool))
+
+
+def _place_posts(patch: Patch, row: NDArray[np.integer], col: NDArray[np.integer]) -> NDArray[np.float64]:
+    """Nodes on posts."""
+    return np.stack([col, row, patch.heights[row, col]], axis=1).astype(np.float64)
 
 
 def _significant_posts(heights: NDArray[np.float64], count: int) -> NDArray[np.bool_]:
@@ -138,8 +148,10 @@ def _graded_posts(is_outline: NDArray[np.bool_], spacing: int) -> NDArray[np.boo
     return (distance >= 2) & (distance < spacing) & (row % step == 0) & (col % step == 0)
 
 
-def triangulate(patch: Patch, on_grid: NDArray[np.bool_], is_node: NDArray[np.bool_], spacing: int) -> Start:
-    """Constrained Delaunay triangulation of outline, borders, grid and the posts in between.
+def triangulate(
+    patch: Patch, on_grid: NDArray[np.bool_], is_node: NDArray[np.bool_], spacing: int, lines: Lines = NO_LINES
+) -> Start:
+    """Constrained Delaunay triangulation of outline, borders, grid, lines and the posts in between.
 
     Parameters
     ----------
@@ -149,6 +161,8 @@ def triangulate(patch: Patch, on_grid: NDArray[np.bool_], is_node: NDArray[np.bo
         Posts of the ground that are nodes anyway.
     spacing : int
         Posts in between outline and grid are less than so many from the outline.
+    lines : Lines
+        Prescribed nodes and edges.
 
     Returns
     -------
@@ -160,24 +174,26 @@ def triangulate(patch: Patch, on_grid: NDArray[np.bool_], is_node: NDArray[np.bo
     free = is_side & on_grid & ~fixed_sides_of(patch)
     corners = outline_nodes(domain) | (outline_nodes(patch.squares) if patch.keeps_voids else False)
     is_corner = corners | is_node | free
+    of_lines = lines.nodes[lines.is_post, 1::-1].astype(np.int64)
+    is_corner[of_lines[:, 0], of_lines[:, 1]] = True
     inner = ~is_side & (on_grid | _graded_posts(outline_nodes(patch.squares) & ~is_side, spacing))
     segments = outline_segments(domain, is_corner)
     if patch.keeps_voids:
         segments = np.concatenate([segments, outline_segments(patch.squares, is_corner)])
     on_line = _posts_on(segments, on_grid.shape)
     inner &= ~on_line & ~is_corner & inner_posts(domain)
-    v, u = np.nonzero(is_corner)
-    rows, cols = np.nonzero(inner)
-    posts = np.concatenate([np.stack([v, u], 1), np.stack([rows, cols], 1)]).astype(np.int32)
-    faces = _delaunay(posts, segments, on_grid.shape)
-    centre = posts[faces].mean(axis=1)
-    has_data = is_covered(patch.squares, centre[:, 1], centre[:, 0])
+    row, col = (np.concatenate(both) for both in zip(np.nonzero(is_corner), np.nonzero(inner), strict=True))
+    nodes = np.concatenate([_place_posts(patch, row, col), lines.nodes[~lines.is_post]])
+    edges = _index_edges(nodes, len(row), segments, lines, on_grid.shape)
+    faces = _delaunay(nodes[:, :2], edges, patch.aspect)
+    centre = nodes[faces, :2].mean(axis=1)
+    has_data = is_covered(patch.squares, centre[:, 0], centre[:, 1])
     if not patch.keeps_voids:
         faces, has_data = faces[has_data], has_data[has_data]
     used = np.unique(faces)
-    renumber = np.zeros(len(posts), np.int32)
+    renumber = np.zeros(len(nodes), np.int32)
     renumber[used] = np.arange(len(used))
-    return Start(posts[used], renumber[faces], ~has_data)
+    return Start(nodes[used], renumber[faces], ~has_data)
 
 
 def fixed_sides_of(patch: Patch) -> NDArray[np.bool_]:
@@ -203,18 +219,28 @@ def _posts_on(segments: NDArray[np.int32], shape: tuple[int, int]) -> NDArray[np
     return on
 
 
-def _delaunay(posts: NDArray[np.int32], segments: NDArray[np.int32], shape: tuple[int, int]) -> NDArray[np.int32]:
-    """Triangles of the constrained Delaunay triangulation, counter-clockwise, in a canonical order."""
+def _index_edges(
+    nodes: NDArray[np.float64], n_post: int, segments: NDArray[np.int32], lines: Lines, shape: tuple[int, int]
+) -> NDArray[np.int64]:
+    """Pairs of nodes: pieces of the outline, and edges of lines; the first n_post nodes are posts."""
     index = np.full(shape, -1, np.int64)
-    index[posts[:, 0], posts[:, 1]] = np.arange(len(posts))
-    ends = index[segments[:, :, 0], segments[:, :, 1]]
+    place = nodes[:n_post, 1::-1].astype(np.int64)
+    index[place[:, 0], place[:, 1]] = np.arange(n_post)
+    row, col = np.floor(lines.nodes[:, 1::-1]).astype(np.int64).T
+    of_line = np.where(lines.is_post, index[row, col], n_post - 1 + np.cumsum(~lines.is_post))
+    ends = np.concatenate([index[segments[..., 0], segments[..., 1]], of_line[lines.edges]])
     if (ends < 0).any():
         raise InvariantError("start mesh: found an outline piece without node at its end")
-    edges = np.unique(np.sort(ends, axis=1), axis=0)
+    return np.unique(np.sort(ends, axis=1), axis=0)
+
+
+def _delaunay(places: NDArray[np.float64], edges: NDArray[np.int64], aspect: float) -> NDArray[np.int32]:
+    """Triangles of the constrained Delaunay triangulation on the ground, counter-clockwise, in a canonical order."""
     mesh = pythoncdt.Triangulation(
         pythoncdt.VertexInsertionOrder.AUTO, pythoncdt.IntersectingConstraintEdges.NOT_ALLOWED, 0.0
     )
-    mesh.insert_vertices(np.ascontiguousarray(posts[:, ::-1], dtype=np.float64))
+    width = max(np.round(aspect / ASPECT_STEP), 1.0) * ASPECT_STEP  # few bits: products with places are exact
+    mesh.insert_vertices(places * np.array([width, 1.0]))
     mesh.insert_edges(edges.astype(np.uintc))
     mesh.erase_super_triangle()
     faces = mesh.triangles_array()["vertices"].astype(np.int32)

@@ -22,6 +22,7 @@ from vpfx.methods import breaks
 from vpfx.methods import options as shared
 from vpfx.methods.base import Method, Patch
 from vpfx.methods.borders import LevelRule
+from vpfx.methods.feature_points import FeaturePoints
 from vpfx.methods.fit import FitRule, fit_heights
 from vpfx.methods.refine import (
     BOUND_SLACK,
@@ -86,6 +87,17 @@ class _Mesh(Refinement):
             faces, self.forest.mesh, self.ranks, limits, self.patch.heights, self.forest.side_state
         )
         return broken
+
+    def most_significant(self, one: tuple[Faces, Places], other: tuple[Any, Places]) -> tuple[Faces, Places]:
+        """Of breaks of the same sides keep those farther from the side; of equals, those of the first."""
+        sides, places = np.concatenate([one[0], other[0]]), np.concatenate([one[1], other[1]])
+        nodes, face_nodes, _ = self.forest.mesh
+        start, end = nodes[face_nodes[sides // 3, sides % 3]], nodes[face_nodes[sides // 3, (sides + 1) % 3]]
+        along = (((places - start) * (end - start))[:, :2]).sum(axis=1) / ((end - start)[:, :2] ** 2).sum(axis=1)
+        rise = np.abs(places[:, 2] - (start[:, 2] + along * (end[:, 2] - start[:, 2])))
+        order = np.lexsort((np.arange(len(sides)), -rise, sides))
+        kept = order[np.unique(sides[order], return_index=True)[1]]
+        return sides[kept].astype(np.int32), places[kept]
 
     def settle(self, faces: Faces, bound: float, found: Candidates) -> tuple[Faces, NDArray[np.bool_]]:
         """Break sides that settle faces; return them, their nodes being the last ones, and which faces are settled."""
@@ -170,18 +182,23 @@ def _cut_to_bound(mesh: _Mesh, faces: Faces, level: int, bound: float) -> Faces:
     raise InvariantError(f"wynne: level {level}: found no end after {MOST_PASSES} passes")
 
 
-def _one_pass(mesh: _Mesh, level: int, options: Mapping[str, Any]) -> None:
+def _one_pass(mesh: _Mesh, level: int, options: Mapping[str, Any], points: FeaturePoints | None) -> None:
     """Look once at every edge and every face, as the paper does."""
     forest, patch, faces = mesh.forest, mesh.patch, mesh.leaves
     tolerance, share = options["tolerance"] + ROUNDING, max(options["xy_ratio"], LEAST_SHARE)
     away = options["xy_tolerance"] / patch.post_metres[1]
-    found = mesh.scan(faces, tolerance, ScanRule(band=-1.0, end_share=0.0, inner_share=share, inner_away=away))
+    rule = ScanRule(band=-1.0, end_share=0.0, inner_share=share, inner_away=away)
+    found = mesh.scan(faces, tolerance, rule)
     forced, forced_places = mesh.break_borders(faces, level)
     chosen, places = breaks.find_significant(
         faces, forest.mesh, patch.heights, patch.aspect, tolerance, away, share, forest.side_state
     )
+    inside = None
+    if points:
+        chosen, places = mesh.most_significant((chosen, places), points.find_breaks(tolerance, away, share))
+        inside = points.find_inner(found, mesh.residual, tolerance, rule)
     first_node = forest.add_nodes(np.concatenate([forced_places, places]))
-    mesh.cut(faces, np.concatenate([forced, chosen]), first_node, np.inf, found)
+    mesh.cut(faces, np.concatenate([forced, chosen]), first_node, np.inf, found, inside)
 
 
 def checked(options: Mapping[str, Any]) -> dict[str, Any]:
@@ -240,7 +257,8 @@ def build(patch: Patch, options: Mapping[str, Any]) -> Hierarchy:
     mesh = _Mesh(patch, options)
     if options["passes"] is not None:
         bounds = [np.nan] * (1 + options["passes"])
-        return build_levels(mesh, bounds, lambda level: _one_pass(mesh, level, options) if level else None)
+        points = FeaturePoints(patch, mesh.forest) if patch.lines else None
+        return build_levels(mesh, bounds, lambda level: _one_pass(mesh, level, options, points) if level else None)
     bounds = shared.bounds_of("wynne", options)
 
     def refine(level: int) -> None:
@@ -266,5 +284,6 @@ METHOD = Method(
     levels=levels,
     squares=shared.squares,
     build=build,
+    features="points",
     variants={"": {}, "over Delaunay": {"start": "delaunay"}},
 )

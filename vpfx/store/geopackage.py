@@ -27,7 +27,7 @@ _ATTRIBUTE_TABLES = {
     "node": "nodes of all levels",
     "edge": "winged edges of all levels",
     "face": "faces of all levels",
-    "source": "elevation files",
+    "source": "files of posts and features",
 }
 _OTHER_TABLES = ("metadata", "level_cut", "parent_child", "shared_area", "t_junction", "tile_index", "face_layer")
 

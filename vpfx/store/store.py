@@ -161,7 +161,7 @@ class Store:
 
     @property
     def sources(self) -> list[dict[str, Any]]:
-        """The elevation files: name, sha256, byte_count, driver."""
+        """The files of posts and features: name, sha256, byte_count, driver."""
         query = "SELECT name, sha256, byte_count, driver FROM source ORDER BY source_id"
         return [
             dict(zip(("name", "sha256", "byte_count", "driver"), row, strict=True))

@@ -1,0 +1,219 @@
+"""Surveyed points, lines and outlines of areas, read by GDAL through pyogrio and brought into the CRS of a DEM."""
+
+from __future__ import annotations
+
+import os
+import warnings
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+import pyogrio
+import pyogrio.errors
+import shapely
+import shapely.errors
+from numpy.typing import NDArray
+from pyproj import CRS, Transformer
+from pyproj.exceptions import ProjError
+
+from vpfx.dem.paths import Source, gdal_name, source_of
+from vpfx.errors import DemFormatError, FeatureFormatError, InputError
+from vpfx.model import Extent
+
+__all__ = ["Features", "lines_in_posts", "read_features"]
+
+Floats = NDArray[np.float64]
+Paths = str | os.PathLike[str] | Sequence[str | os.PathLike[str]]
+
+FORMATS = {"GPKG": b"SQLite format 3\0", "ESRI Shapefile": b"\0\0\x27\x0a", "FlatGeobuf": b"fgb", "GeoJSON": b"{"}
+"""GDAL's names of the formats that are read, and how their files begin. They name no other files."""
+
+MARGIN = 0.01
+"""Of the DEM's size: so much beyond it lines are read, so that what is cut off later is cut in the DEM's CRS."""
+
+MOST_VERTICES = 1 << 26
+LINES = [shapely.GeometryType[kind] for kind in ("POINT", "MULTIPOINT", "LINESTRING", "LINEARRING", "MULTILINESTRING")]
+AREAS = [shapely.GeometryType[kind] for kind in ("POLYGON", "MULTIPOLYGON")]
+
+
+class Features(NamedTuple):
+    """Surveyed points, lines and outlines of areas.
+
+    Attributes
+    ----------
+    lines : tuple of float64 (n, 3)
+        x and y in units of the DEM's CRS, z in metres or NaN; a point is a line of one vertex, an outline ends where it began.
+    sources : tuple of Source
+        The files.
+    """
+
+    lines: tuple[Floats, ...]
+    sources: tuple[Source, ...]
+
+
+def read_features(paths: Paths, crs: str, extent: Extent, *, layer: str | None = None, use_z: bool = False) -> Features:
+    """Read what lies on a DEM of some vector files.
+
+    Parameters
+    ----------
+    paths : path or sequence of paths
+        Local files of the formats `FORMATS`.
+    crs : str
+        CRS of the DEM, WKT2.
+    extent : Extent
+        Of the DEM. Lines may reach a little beyond.
+    layer : str, optional
+        The layer to read, of files with several.
+    use_z : bool
+        Whether vertices keep their own z, metres; else heights are left to the DEM.
+
+    Returns
+    -------
+    Features
+        In the order of the files and of their features.
+
+    Raises
+    ------
+    InputError
+        The DEM has no CRS, a path is not local, the file has several layers or not that one, or nothing lies on the DEM.
+    NotFoundError
+        There is no such file.
+    FeatureFormatError
+        A file is of no such format, broken, or tells no CRS.
+
+    Examples
+    --------
+    >>> extent = Extent(-107.68, 36.32, -107.6, 36.4)
+    >>> found = read_features("fixtures/features/new_mexico_streams.geojson", "EPSG:4269", extent)
+    >>> len(found.lines), found.lines[0].shape[1]
+    (6, 3)
+    """
+    if not crs:
+        raise InputError("features: found a DEM without CRS, expected one; give crs")
+    names = [os.fspath(paths)] if isinstance(paths, str | os.PathLike) else [os.fspath(path) for path in paths]
+    lines: list[Floats] = []
+    sources = []
+    for name in names:
+        try:
+            full = gdal_name(name)
+        except DemFormatError:
+            full = "/vsi"
+        if full.startswith("/vsi"):
+            raise FeatureFormatError(
+                name, "", "found a directory, a device or an archive, expected a file; unpack it first"
+            )
+        found, driver = _read_file(name, full, CRS.from_user_input(crs), extent, layer)
+        lines += found
+        sources.append(source_of(name, driver))
+    if not lines:
+        raise InputError(f"features: found none on the DEM in {', '.join(names)}, expected some within {tuple(extent)}")
+    if not use_z:
+        for line in lines:
+            line[:, 2] = np.nan
+    return Features(tuple(lines), tuple(sources))
+
+
+def _read_file(name: str, full: str, crs: CRS, extent: Extent, layer: str | None) -> tuple[list[Floats], str]:
+    """Read one file; return its lines, and the format."""
+    driver = _format_of(name, full)
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # GDAL's, of files that can be read all the same
+            layers = pyogrio.list_layers(full)[:, 0].tolist()
+            _check_layer(name, layers, layer)
+            information = pyogrio.read_info(full, layer=layer)
+            if not information["crs"]:
+                raise FeatureFormatError(
+                    name, "", "found no CRS, expected one; write it into the file, or a .prj beside it"
+                )
+            to_dem = Transformer.from_crs(CRS.from_user_input(information["crs"]), crs, always_xy=True)
+            near = _bounds_near(name, to_dem, extent)
+            _, _, geometries, _ = pyogrio.raw.read(full, layer=layer, columns=[], bbox=near)
+            return _to_lines(name, shapely.from_wkb(geometries), to_dem, near), driver
+    except (pyogrio.errors.DataSourceError, pyogrio.errors.DataLayerError, pyogrio.errors.GeometryError,
+            pyogrio.errors.FeatureError, shapely.errors.ShapelyError, ProjError, UnicodeDecodeError) as error:  # fmt: skip
+        reason = " ".join(str(error).split())
+        raise FeatureFormatError(name, "", f"cannot be read as lines or areas: {reason}") from error
+
+
+def _format_of(name: str, full: str) -> str:
+    """Tell the format of a file by how it begins."""
+    try:
+        with open(full, "rb") as file:
+            head = file.read(64).removeprefix(b"\xef\xbb\xbf").lstrip(b" \t\r\n")
+    except OSError as error:
+        raise FeatureFormatError(name, "", f"cannot be read: {error.strerror}") from error
+    for driver, start in FORMATS.items():
+        if head.startswith(start.lstrip(b" \t\r\n")):
+            return driver
+    raise FeatureFormatError(name, "", f"found another format, or a broken file; expected {', '.join(FORMATS)}")
+
+
+def _check_layer(name: str, layers: list[str], layer: str | None) -> None:
+    """Refuse a layer that is not there, and a choice that is not made."""
+    if layer is None and len(layers) != 1:
+        raise InputError(f"{name}: found {len(layers)} layers, expected one; choose of: {', '.join(layers)}")
+    if layer is not None and layer not in layers:
+        raise InputError(f"{name}: found no layer {layer!r}, expected one of: {', '.join(layers)}")
+
+
+def _bounds_near(name: str, to_dem: Transformer, extent: Extent) -> tuple[float, float, float, float]:
+    """Bounds of the DEM, and a little more, in the CRS of a file."""
+    wide, high = MARGIN * (extent.max_x - extent.min_x), MARGIN * (extent.max_y - extent.min_y)
+    bounds = extent.min_x - wide, extent.min_y - high, extent.max_x + wide, extent.max_y + high
+    near = to_dem.transform_bounds(*bounds, densify_pts=21, direction="INVERSE")
+    if not np.isfinite(near).all() or near[0] > near[2]:
+        raise FeatureFormatError(
+            name, "CRS", "found one that does not reach the DEM, expected another; reproject the file"
+        )
+    return near
+
+
+def _to_lines(name: str, geometries: NDArray[Any], to_dem: Transformer, near: tuple[float, ...]) -> list[Floats]:
+    """Cut geometries off near the DEM and bring them into its CRS, as vertices in order."""
+    geometries = geometries[~shapely.is_missing(geometries)]
+    kind = shapely.get_type_id(geometries)
+    is_area = np.isin(kind, AREAS)
+    if not (is_area | np.isin(kind, LINES)).all():
+        other = geometries[~(is_area | np.isin(kind, LINES))][0].geom_type
+        raise FeatureFormatError(name, "geometry", f"found a {other}, expected points, lines or areas")
+    geometries[is_area] = shapely.boundary(geometries[is_area])
+    parts = shapely.get_parts(shapely.get_parts(shapely.intersection(geometries, shapely.box(*near))))
+    parts = parts[~shapely.is_empty(parts)]
+    vertices, part = shapely.get_coordinates(parts, include_z=True, return_index=True)
+    if len(vertices) > MOST_VERTICES:
+        raise InputError(f"{name}: found {len(vertices)} vertices on the DEM, expected at most {MOST_VERTICES}")
+    x, y = to_dem.transform(vertices[:, 0], vertices[:, 1])
+    if not (np.isfinite(x) & np.isfinite(y)).all():
+        raise FeatureFormatError(
+            name, "CRS", "found vertices that cannot be brought into the DEM's; reproject the file"
+        )
+    places = np.column_stack([x, y, vertices[:, 2]])
+    return (
+        [np.ascontiguousarray(line) for line in np.split(places, np.flatnonzero(np.diff(part)) + 1)]
+        if len(part)
+        else []
+    )
+
+
+def lines_in_posts(lines: Sequence[Any], x0: float, y0: float, dx: float, dy: float) -> tuple[Floats, ...]:
+    """Turn lines in CRS units into lines in posts of a lattice; lines of two columns get a height of NaN.
+
+    Raises
+    ------
+    InputError
+        A line is no (n, 2 or 3) array of finite places.
+
+    Examples
+    --------
+    >>> lines_in_posts([[(10, 20), (12, 21)]], 10.0, 20.0, 2.0, 1.0)[0].tolist()
+    [[0.0, 0.0, nan], [1.0, 1.0, nan]]
+    """
+    found = []
+    for line in lines:
+        vertices = np.asarray(line, np.float64)
+        if vertices.ndim != 2 or vertices.shape[1] not in (2, 3) or not np.isfinite(vertices[:, :2]).all():
+            raise InputError(f"lines: found an array of shape {vertices.shape}, expected (n, 2 or 3) finite numbers")
+        z = vertices[:, 2] if vertices.shape[1] == 3 else np.full(len(vertices), np.nan)
+        found.append(np.column_stack([(vertices[:, 0] - x0) / dx, (vertices[:, 1] - y0) / dy, z]))
+    return tuple(found)
