@@ -6,6 +6,8 @@ import ast
 import doctest
 import re
 import sqlite3
+import subprocess
+import sys
 from pathlib import Path
 
 import click
@@ -226,3 +228,13 @@ def test_links_between_pages_lead_somewhere():
                 assert (page.parent / target).exists(), f"{page.name}: {target}"
         for target in re.findall(r"`((?:specs|vpfx|schema|tests|fixtures|bench)/[\w./]*)`", text):
             assert (ROOT / target).exists(), f"{page.name}: {target}"
+
+
+@pytest.mark.slow
+def test_the_experiment_is_as_told(tmp_path):
+    command = [sys.executable, "bench/experiment.py", "-o", str(tmp_path)]
+    printed = subprocess.run(command, cwd=ROOT, check=True, capture_output=True, text=True, timeout=300).stdout
+    told, _, _ = printed.rpartition("\n\n")
+    assert told in read(ROOT / "specs" / "methods.md")
+    figures = ["A1_source.png", *(f"A{level + 2}_level_{level}.png" for level in range(4))]
+    assert sorted(path.name for path in tmp_path.iterdir()) == figures

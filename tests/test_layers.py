@@ -19,10 +19,11 @@ LAYERS = (
     {"registry", "model", "checks"},
     {"geometry"},
     {"topology"},
-    {"dem", "methods", "store"},  # these three do not know each other
+    {"dem", "methods", "store", "mesh_files"},  # these do not know each other
     {"features", "patches", "measures"},
-    {"pipeline"},
+    {"pipeline", "report"},
     {"compare", "plot"},
+    {"gallery"},
     {"cli"},
     {"__main__"},
 )

@@ -14,7 +14,7 @@ from surfaces import SOLID, SURFACES, relief_of
 from test_methods import CASES
 from test_morph import heights_at_posts
 
-from vpfx.compare import compare, table_1, to_text
+from vpfx.compare import compare, table_1
 from vpfx.dem import read_grid
 from vpfx.errors import InputError
 from vpfx.measures import (
@@ -30,6 +30,7 @@ from vpfx.measures import (
 from vpfx.methods import METHODS
 from vpfx.model import CUTS, Tin
 from vpfx.pipeline import build_hierarchy
+from vpfx.report import to_text
 
 ROOT = Path(__file__).resolve().parents[1]
 TABLE_2 = {

@@ -15,12 +15,13 @@ from matplotlib.collections import PolyCollection
 from surfaces import SOLID
 
 from vpfx.cli import main
+from vpfx.dem.reference import unit_metres
 from vpfx.errors import InputError, StoreError
 from vpfx.geometry import face_slopes
 from vpfx.measures import face_errors, measure_accuracy
 from vpfx.model import Extent, Tin
 from vpfx.pipeline import build, build_hierarchy
-from vpfx.plot import MOST_VECTORS, STYLES, draw_tin, plot_tin, unit_metres
+from vpfx.plot import MOST_POLYGONS, MOST_VECTORS, STYLES, draw_tin, find_pixels, picture, plot_tin
 
 FIXTURES = Path(__file__).resolve().parents[1] / "fixtures/dem"
 CELL = FIXTURES / "new_mexico_cell_5min_1arcsec.tif"
@@ -85,6 +86,51 @@ def test_large_meshes_are_pixels_in_the_frame():
     assert len(faces) > MOST_VECTORS
     for count, is_raster in ((len(faces), True), (MOST_VECTORS, False)):
         assert drawn("plan", Tin(nodes, faces[:count]))[1].get_rasterized() == is_raster
+
+
+@pytest.mark.parametrize("is_turned", [False, True])
+def test_pixels_show_the_last_face_at_their_middle(is_turned):
+    """Against barycentric shares of every face at every pixel; faces may be seen from below."""
+    rng = np.random.default_rng(5)
+    corners = rng.uniform(-5, 25, (40, 3, 2))
+    corners = corners[:, ::-1] if is_turned else corners
+    found = find_pixels(corners, 20, 18)
+    row, col = np.mgrid[0:20, 0:18].astype(float)
+    expected = np.full((20, 18), -1)
+    for face, (a, b, c) in enumerate(corners):
+        area = (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0])
+        shares = [
+            ((q[0] - p[0]) * (row - p[1]) - (q[1] - p[1]) * (col - p[0])) / area for p, q in ((a, b), (b, c), (c, a))
+        ]
+        expected[np.min(shares, axis=0) >= 0] = face
+    np.testing.assert_array_equal(found, expected)
+
+
+def test_very_large_meshes_are_painted_as_pixels():
+    """The colours of an image are those of the faces under its pixels."""
+    tin = build_hierarchy(SOLID["noise"], method="quaternary", total=True, passes=8, grid=(3, 3)).tin(8)
+    assert tin.n_face > MOST_POLYGONS
+    for style in ("relief", "plan"):
+        _, axis = pyplot.subplots()
+        draw_tin(axis, tin, style)
+        (image,) = axis.images
+        assert not axis.collections
+        colours = np.asarray(image.get_array())
+        assert (colours[..., 3] == 255).all()
+        assert (len(np.unique(colours.reshape(-1, 4), axis=0)) == 1) == (style == "plan")
+        pyplot.close("all")
+
+
+def test_pictures_are_whole_or_not_there(tmp_path):
+    with pytest.raises(ZeroDivisionError), picture(tmp_path / "a.png"):
+        raise ZeroDivisionError
+    assert list(tmp_path.iterdir()) == []
+    for suffix in ("png", "pdf", "svg"):
+        for name in ("a", "b"):
+            plot_tin(TIN, tmp_path / f"{name}.{suffix}", "plan")
+    assert (tmp_path / "a.png").read_bytes() == (tmp_path / "b.png").read_bytes()
+    assert (tmp_path / "a.pdf").read_bytes() == (tmp_path / "b.pdf").read_bytes()
+    assert len(list(tmp_path.iterdir())) == 6
 
 
 def test_units_in_metres():

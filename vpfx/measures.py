@@ -11,12 +11,14 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from vpfx.dem.reference import unit_metres
 from vpfx.errors import InputError
 from vpfx.geometry import face_shapes
 from vpfx.methods import METHODS
 from vpfx.methods.forest import Forest
 from vpfx.methods.scan import find_worst, scan_mesh
 from vpfx.model import CUTS, Grid, Hierarchy, Tin
+from vpfx.store.store import Store
 from vpfx.topology import find_t_junctions, find_twins
 
 __all__ = [
@@ -28,8 +30,10 @@ __all__ = [
     "face_errors",
     "measure_accuracy",
     "measure_hierarchy",
+    "measure_mesh",
     "measure_shape",
     "measure_step",
+    "measure_store",
     "streakiness",
     "table_2",
 ]
@@ -122,13 +126,25 @@ class Accuracy(NamedTuple):
 
 
 class LevelMeasures(NamedTuple):
-    """All measures of one level; `step` is None for level 0."""
+    """All measures of one level.
+
+    Attributes
+    ----------
+    level, nodes, faces : int
+    shape : Shape
+    accuracy : Accuracy or None
+        None without posts to measure at.
+    streakiness : float
+        NaN where no cut was made, or none is known.
+    step : Step or None
+        None for level 0.
+    """
 
     level: int
     nodes: int
     faces: int
     shape: Shape
-    accuracy: Accuracy
+    accuracy: Accuracy | None
     streakiness: float
     step: Step | None
 
@@ -272,13 +288,68 @@ def measure_hierarchy(hierarchy: Hierarchy, grid: Grid, tolerance: float = 0.0) 
             is_new = hierarchy.node_level[: tin.n_node] == level
             rise = np.where(is_new, tin.nodes[:, 2] - hierarchy.node_z_parent[: tin.n_node], np.nan)
             step = measure_step(hierarchy.tin(level - 1), tin, hierarchy.links[level - 1], rise, tolerance)
-        found.append(
-            LevelMeasures(
-                level, tin.n_node, tin.n_face, measure_shape(tin, metres), measure_accuracy(tin, grid),
-                streakiness(hierarchy.cuts[: level + 1].sum(axis=0)), step,
-            )
-        )  # fmt: skip
+        streaks = streakiness(hierarchy.cuts[: level + 1].sum(axis=0))
+        shape, accuracy = measure_shape(tin, metres), measure_accuracy(tin, grid)
+        found.append(LevelMeasures(level, tin.n_node, tin.n_face, shape, accuracy, streaks, step))
     return found
+
+
+def measure_store(store: Store, levels: Sequence[int] = (), grid: Grid | None = None) -> list[LevelMeasures]:
+    """Measure levels of a store.
+
+    Parameters
+    ----------
+    store : Store
+    levels : sequence of int
+        All if empty.
+    grid : Grid, optional
+        Posts to measure accuracy at, in the CRS of the store.
+
+    Raises
+    ------
+    InputError, NotFoundError
+        There is no such level, or a level covers no valid post.
+
+    Notes
+    -----
+    A point is significant if it is off by more than the tolerance that the store was built with. Memory: two levels.
+    """
+    found = []
+    metres, cuts = unit_metres(store.crs, store.extent), store.cuts
+    tolerance = float(store.metadata["options"].get("tolerance", 0.0))
+    for level in levels or range(len(store.levels)):
+        tin, step = store.tin(level), None
+        if level:
+            coarse, links = store.tin(level - 1), store.links(level)
+            pairs = [np.searchsorted(t.face_attributes["face_id"], links[:, i]) for i, t in enumerate((coarse, tin))]
+            is_new = tin.node_attributes["level"] == level
+            rise = np.where(is_new, tin.nodes[:, 2] - tin.node_attributes["z_parent"], np.nan)
+            step = measure_step(coarse, tin, np.stack(pairs, axis=1), rise, tolerance)
+        accuracy = measure_accuracy(tin, grid) if grid is not None else None
+        streaks = streakiness(cuts[: level + 1].sum(axis=0))
+        found.append(LevelMeasures(level, tin.n_node, tin.n_face, measure_shape(tin, metres), accuracy, streaks, step))
+    return found
+
+
+def measure_mesh(tin: Tin, metres: tuple[float, float] = (1.0, 1.0), grid: Grid | None = None) -> LevelMeasures:
+    """Measure a mesh of which nothing is known but its nodes and faces.
+
+    Parameters
+    ----------
+    tin : Tin
+    metres : tuple of float
+        Size of a unit of x and of y, metres.
+    grid : Grid, optional
+        Posts to measure accuracy at, in the CRS of the mesh.
+
+    Examples
+    --------
+    >>> square = Tin(np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]]), np.array([[0, 1, 2], [0, 2, 3]]))
+    >>> measure_mesh(square, grid=Grid(np.full((2, 2), 3.0))).accuracy.max_error
+    3.0
+    """
+    accuracy = measure_accuracy(tin, grid) if grid is not None else None
+    return LevelMeasures(0, tin.n_node, tin.n_face, measure_shape(tin, metres), accuracy, float("nan"), None)
 
 
 def cut_equilateral(kind: str) -> Floats:

@@ -6,21 +6,24 @@ pixels are left out, so that a million faces take seconds (specs/methods.md M-70
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+import os
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
+from numba import njit
 from numpy.typing import NDArray
-from pyproj import CRS
 
 from vpfx.dem import read_grid
 from vpfx.errors import InputError, NotFoundError, StoreError
 from vpfx.geometry import face_slopes
 from vpfx.measures import face_errors
-from vpfx.model import Extent, Tin
+from vpfx.methods.scan import columns_of, place_sides, rows_of
+from vpfx.model import Tin
 
-__all__ = ["STYLES", "Style", "draw_tin", "find_values", "plot_tin", "unit_metres"]
+__all__ = ["STYLES", "Style", "draw_tin", "find_pixels", "find_values", "picture", "plot_tin"]
 
 Floats = NDArray[np.float64]
 
@@ -28,9 +31,14 @@ SUN_AZIMUTH, SUN_HEIGHT = 315.0, 45.0  # degrees
 VIEW_AZIMUTH, VIEW_HEIGHT = 20.0, 35.0  # degrees: looking to the north-north-east, so far down
 RELIEF_SHARE = 0.12  # of the extent: how high the relief is drawn in a view, if its own is less
 MOST_VECTORS = 20_000  # faces drawn as vectors in PDF and SVG
+MOST_POLYGONS = 200_000  # faces that matplotlib paints; more are painted here, pixel by pixel
+FINER = 2  # so many of those pixels to one of the picture, across and up
 LEAST_EDGE = 4.0  # pixels of a mean face with edges
+EDGE_PIXELS, EDGE_DARKNESS = 0.7, 0.5  # width of an edge, and how much of the light it takes
 DPI = 200
+FOOT = 0.5  # inches: height of the strip below with scale bar and north
 INCHES = 7.0
+UNDATED = {".svg": {"Date": None}, ".pdf": {"CreationDate": None}}  # so that the same mesh gives the same bytes
 
 
 class Style(NamedTuple):
@@ -63,32 +71,6 @@ STYLES = {
     "error": Style(False, True, "greatest error, m", False),
     "attribute": Style(False, True, "attribute", False),
 }
-
-
-def unit_metres(wkt: str, extent: Extent) -> tuple[float, float]:
-    """Size of a unit of x and of y in the middle of an extent, metres.
-
-    Parameters
-    ----------
-    wkt : str
-        CRS; empty if unknown, which takes units for metres.
-
-    Examples
-    --------
-    >>> width, height = unit_metres("EPSG:4326", Extent(10.0, 59.0, 11.0, 61.0))
-    >>> round(width), round(height)
-    (55800, 111412)
-    """
-    if not wkt:
-        return 1.0, 1.0
-    crs = CRS.from_user_input(wkt)
-    factor = crs.axis_info[0].unit_conversion_factor  # to metres or to radians
-    geod, degrees = crs.get_geod(), float(np.degrees(factor))
-    if not crs.is_geographic or geod is None:
-        return factor, factor
-    x, y = (extent.min_x + extent.max_x) / 2 * degrees, (extent.min_y + extent.max_y) / 2 * degrees
-    width, height = geod.inv(x - 0.0005, y, x + 0.0005, y)[2], geod.inv(x, y - 0.0005, x, y + 0.0005)[2]
-    return width * 1000 * degrees, height * 1000 * degrees
 
 
 def _pyplot() -> Any:
@@ -195,38 +177,98 @@ def _colours(nodes: Floats, face_nodes: NDArray[np.int32], look: Style, quantity
 
 
 def _paint(axis: Any, corners: Floats, colours: Floats, look: Style) -> None:
-    """Put the faces into the axes."""
+    """Put the faces into the axes: as polygons, or as pixels if there are many."""
     from matplotlib.collections import PolyCollection
 
     low, high = corners.reshape(-1, 2).min(axis=0), corners.reshape(-1, 2).max(axis=0)
-    pixels = INCHES * DPI / max(float((high - low).max()), 1e-9)
+    inch = _inch(axis, high - low)
+    pixels = DPI / inch
     has_edges = look.has_edges and float((high - low).prod()) * pixels**2 / len(corners) > LEAST_EDGE
-    faces = PolyCollection(
-        corners,  # type: ignore[arg-type]
-        facecolors=colours, edgecolors="#00000080" if has_edges else "face",
-        linewidths=0.25 if has_edges else 0.1, rasterized=len(corners) > MOST_VECTORS, antialiaseds=has_edges,
-    )  # fmt: skip
-    axis.add_collection(faces)
+    if look.has_edges and not has_edges and not look.quantity:
+        colours[:, :3] *= 1.0 - _edge_shares(corners * pixels)[:, None]
+    if len(corners) > MOST_POLYGONS:
+        size = np.maximum(np.ceil((high - low) * pixels * FINER), 1).astype(np.int64)
+        face = find_pixels((corners - low) / (high - low) * size - 0.5, *size[::-1])
+        image = np.zeros((*face.shape, 4), np.uint8)
+        image[face >= 0] = (255 * colours).astype(np.uint8)[face[face >= 0]]
+        axis.imshow(image, extent=(low[0], high[0], low[1], high[1]), origin="lower", interpolation="antialiased")
+    else:
+        faces = PolyCollection(
+            corners,  # type: ignore[arg-type]
+            facecolors=colours, edgecolors="#00000080" if has_edges else "face",
+            linewidths=0.25 if has_edges else 0.1, rasterized=len(corners) > MOST_VECTORS, antialiaseds=has_edges,
+        )  # fmt: skip
+        axis.add_collection(faces)
     margin = 0.02 * (high - low)
     axis.set_xlim(low[0] - margin[0], high[0] + margin[0])
-    axis.set_ylim(low[1] - 5 * margin[1], high[1] + margin[1])
+    axis.set_ylim(low[1] - FOOT * inch, high[1] + margin[1])
     axis.set_aspect("equal")
     axis.set_axis_off()
+
+
+def _inch(axis: Any, size: Floats) -> float:
+    """Metres to an inch of axes that show a width and a height."""
+    window = axis.get_window_extent()
+    return max(float(np.max(size * axis.figure.dpi / (window.width, window.height))), 1e-9)
+
+
+def _edge_shares(corners: Floats) -> Floats:
+    """How much of each face its edges would darken, were they drawn; corners in pixels."""
+    sides = np.roll(corners, -1, axis=1) - corners
+    area = np.abs(sides[:, 0, 0] * sides[:, 1, 1] - sides[:, 0, 1] * sides[:, 1, 0]) / 2
+    perimeter = np.hypot(sides[..., 0], sides[..., 1]).sum(axis=1)
+    return EDGE_DARKNESS * np.minimum(perimeter * EDGE_PIXELS / 2 / np.maximum(area, 1e-9), 1.0)
+
+
+@njit(nogil=True, cache=True)
+def find_pixels(corners, n_row, n_col):  # type: ignore[no-untyped-def]
+    """Find the last face at the middle of each pixel.
+
+    Parameters
+    ----------
+    corners : float64 (n_face, 3, 2)
+        Columns and rows; the middles of pixels are whole numbers.
+    n_row, n_col : int
+
+    Returns
+    -------
+    int64 (n_row, n_col)
+        -1 where there is none.
+
+    Notes
+    -----
+    Cost: O(faces + pixels of the faces).
+    """
+    found = np.full((n_row, n_col), -1, np.int64)
+    corner, steps = np.empty((3, 3)), np.empty((3, 7))
+    for face in range(len(corners)):
+        a, b, c = corners[face]
+        area = (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0])
+        for i in range(3):
+            at = i if area > 0.0 else 2 - i
+            corner[i, 0], corner[i, 1] = corners[face, at, 0], corners[face, at, 1]
+        place_sides(corner, steps)
+        south, north = rows_of(corner, n_row)
+        for row in range(south, north + 1):
+            first, last = columns_of(corner, steps, row, n_col)
+            for col in range(first, last + 1):
+                found[row, col] = face
+    return found
 
 
 def _decorate(axis: Any, place: Floats, look: Style, title: str) -> None:
     """Add a scale bar, north and a title."""
     (x0, y0), (x1, y1) = place.min(axis=0), place.max(axis=0)
-    width = x1 - x0
+    inch, width = _inch(axis, np.array([x1 - x0, y1 - y0])), x1 - x0
     length = 10.0 ** np.floor(np.log10(width / 4))
     length *= max(step for step in (1, 2, 5) if step * length <= width / 4)
-    y = y0 - 0.05 * (y1 - y0)
+    y = y0 - FOOT / 2 * inch
     axis.plot([x0, x0 + length], [y, y], color="black", linewidth=2, solid_capstyle="butt")
     text = f"{length / 1000:g} km" if length >= 1000 else f"{length:g} m"
-    axis.text(x0 + 1.05 * length, y, text, va="center", fontsize=8)
+    axis.text(x0 + length + 0.05 * inch, y, text, va="center", fontsize=8)
     turn, flat = (np.radians(-VIEW_AZIMUTH), np.sin(np.radians(VIEW_HEIGHT))) if look.is_view else (0.0, 1.0)
-    foot = np.array([x1 - 0.05 * width, y0 - 0.075 * (y1 - y0)])
-    tip = foot + np.array([np.sin(turn), np.cos(turn) * flat]) * 0.05 * min(width, y1 - y0)
+    foot = np.array([x1 - 0.2 * inch, y0 - 0.9 * FOOT * inch])
+    tip = foot + np.array([np.sin(turn), np.cos(turn) * flat]) * 0.7 * FOOT * inch
     axis.annotate("N", foot, tip, ha="center", va="center", fontsize=8, arrowprops={"arrowstyle": "<-"})
     axis.set_title(title, fontsize=9)
 
@@ -269,20 +311,51 @@ def plot_tin(
     InputError, NotFoundError, StoreError
         As for `draw_tin`; the suffix is another; matplotlib is missing; the file exists or cannot be written.
     """
+    with picture(path, overwrite=overwrite) as (figure, ((axis,),)):
+        scale = draw_tin(axis, tin, style, metres=metres, values=values, title=title)
+        if scale is not None:
+            figure.colorbar(scale, ax=axis, shrink=0.7, label=label or STYLES[style].quantity)
+
+
+@contextmanager
+def picture(
+    path: str | Path, rows: int = 1, columns: int = 1, *, size: tuple[float, float] = (INCHES, INCHES),
+    overwrite: bool = False,
+) -> Iterator[tuple[Any, Any]]:  # fmt: skip
+    """Give an empty figure and its axes (rows, columns), and write it when all is drawn.
+
+    Parameters
+    ----------
+    path : path
+        Ending in .png, .pdf or .svg.
+    rows, columns : int
+    size : tuple of float
+        Width and height of each of the axes, inches.
+    overwrite : bool
+        Whether an existing file is replaced, once the new one is complete.
+
+    Raises
+    ------
+    InputError, NotFoundError, StoreError
+        The suffix is another; matplotlib is missing; the file exists or cannot be written.
+    """
     path = Path(path)
     if path.suffix.lower() not in (".png", ".pdf", ".svg"):
         raise InputError(f"{path}: found suffix {path.suffix!r}, expected .png, .pdf or .svg")
     if path.exists() and not overwrite:
         raise StoreError(f"{path}: found an existing file; give another name or --overwrite")
     pyplot = _pyplot()
-    figure, axis = pyplot.subplots(figsize=(INCHES, INCHES), layout="constrained")
+    figure, axes = pyplot.subplots(
+        rows, columns, figsize=(columns * size[0], rows * size[1]), layout="constrained", squeeze=False
+    )
+    under_way = path.with_name(f".{path.name}.{os.getpid()}.tmp{path.suffix}")
     try:
-        scale = draw_tin(axis, tin, style, metres=metres, values=values, title=title)
-        if scale is not None:
-            figure.colorbar(scale, ax=axis, shrink=0.7, label=label or STYLES[style].quantity)
+        yield figure, axes
         try:
-            figure.savefig(path, dpi=DPI, metadata={"Date": None} if path.suffix.lower() == ".svg" else None)
+            figure.savefig(under_way, dpi=DPI, bbox_inches="tight", metadata=UNDATED.get(path.suffix.lower()))
+            under_way.replace(path)
         except OSError as error:
             raise StoreError(f"{path}: cannot be written: {error.strerror}") from error
     finally:
+        under_way.unlink(missing_ok=True)
         pyplot.close(figure)

@@ -16,6 +16,7 @@ from vpfx.dem.lattice import Lattice, Window
 from vpfx.dem.mosaic import MAX_OPEN_FILES, Part, check_overlap, close_some, join, merge, overlaps
 from vpfx.dem.paths import Source
 from vpfx.dem.raster import Options, Raster
+from vpfx.dem.reference import ground_size
 from vpfx.errors import DemFormatError, InputError
 from vpfx.model import Extent, Grid
 
@@ -65,8 +66,7 @@ class Dem:
         self._parts = tuple(parts)
         self._is_closed = False
         self._crs = CRS.from_wkt(self.crs) if self.crs else None
-        self._geod = self._crs.get_geod() if self._crs is not None and self._crs.is_geographic else None
-        if self._crs is not None and self._geod is not None:
+        if self._crs is not None and self._crs.is_geographic:
             self._check_latitudes(self._crs)
 
     def __enter__(self) -> Dem:
@@ -148,17 +148,8 @@ class Dem:
         (24.93, 30.82)
         """
         window = self._checked(row_start, row_stop, col_start, col_stop)
-        if self._crs is None:
-            return self.dx, self.dy
-        factor = self._crs.axis_info[0].unit_conversion_factor  # to metres or to radians
-        if self._geod is None:
-            return self.dx * factor, self.dy * factor
         x, y = self._lattice.place((window.row_start + row_stop - 1) / 2, (col_start + col_stop - 1) / 2)
-        lon, lat, dlon, dlat = (math.degrees(number * factor) for number in (x, y, self.dx, self.dy))
-        lat = min(max(lat, dlat / 2 - 90), 90 - dlat / 2)  # keeps a width at the poles
-        _, _, width = self._geod.inv(lon - dlon / 2, lat, lon + dlon / 2, lat)
-        _, _, height = self._geod.inv(lon, lat - dlat / 2, lon, lat + dlat / 2)
-        return float(width), float(height)
+        return ground_size(self._crs, x, y, self.dx, self.dy)
 
     def check_overlaps(self) -> None:
         """Compare all posts that two files share; only those are read. `open_dem` does this for several files.

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any, NamedTuple
@@ -10,8 +11,19 @@ from pyproj import CRS
 from pyproj.exceptions import CRSError
 
 from vpfx.errors import DemFormatError, InputError
+from vpfx.model import Extent
 
-__all__ = ["Reference", "Unit", "Vertical", "find_reference", "find_unit", "parse_crs", "split_crs"]
+__all__ = [
+    "Reference",
+    "Unit",
+    "Vertical",
+    "find_reference",
+    "find_unit",
+    "ground_size",
+    "parse_crs",
+    "split_crs",
+    "unit_metres",
+]
 
 METRES = {
     "metre": 1.0,
@@ -27,6 +39,7 @@ ALIASES = {
     "foot": "ft feet international_foot foot_(international)",
     "us_survey_foot": "us_ft ftus us_foot foot_us us_survey_feet survey_foot u.s._foot u.s._survey_foot",
 }
+UNIT_SHARE = 1.0 / 1024  # of a unit: what is measured on the ground to tell the size of a unit
 UNIT_NAMES = {alias: name for name, aliases in ALIASES.items() for alias in [name, *aliases.split()]}
 
 
@@ -97,6 +110,59 @@ def parse_crs(crs: Any) -> CRS:
     if (parsed.is_vertical and not parsed.is_compound) or parsed.is_geocentric:
         raise InputError(f"crs: found {parsed.name}, expected a geographic or projected CRS")
     return parsed
+
+
+def ground_size(crs: CRS | None, x: float, y: float, dx: float, dy: float) -> tuple[float, float]:
+    """Width and height in metres of dx × dy about a place.
+
+    Parameters
+    ----------
+    crs : CRS, optional
+        None takes units for metres.
+    x, y, dx, dy : float
+        In units of the CRS.
+
+    Returns
+    -------
+    tuple of float
+        Geographic CRS: along the ellipsoid. Projected CRS: by the unit of the axes, scale errors of the projection left in.
+
+    Examples
+    --------
+    >>> width, height = ground_size(CRS("EPSG:4326"), 10.0, 60.0, 1 / 3600, 1 / 3600)
+    >>> round(width, 2), round(height, 2)
+    (15.5, 30.95)
+    """
+    if crs is None:
+        return dx, dy
+    factor, geod = crs.axis_info[0].unit_conversion_factor, crs.get_geod()  # to metres or to radians
+    if not crs.is_geographic or geod is None:
+        return dx * factor, dy * factor
+    lon, lat, dlon, dlat = (math.degrees(number * factor) for number in (x, y, dx, dy))
+    lat = min(max(lat, dlat / 2 - 90), 90 - dlat / 2)  # keeps a width at the poles
+    _, _, width = geod.inv(lon - dlon / 2, lat, lon + dlon / 2, lat)
+    _, _, height = geod.inv(lon, lat - dlat / 2, lon, lat + dlat / 2)
+    return float(width), float(height)
+
+
+def unit_metres(wkt: str, extent: Extent) -> tuple[float, float]:
+    """Size of a unit of x and of y in the middle of an extent, metres.
+
+    Parameters
+    ----------
+    wkt : str
+        CRS; empty if unknown, which takes units for metres.
+
+    Examples
+    --------
+    >>> width, height = unit_metres("EPSG:4326", Extent(10.0, 59.0, 11.0, 61.0))
+    >>> round(width), round(height)
+    (55800, 111412)
+    """
+    crs = CRS.from_user_input(wkt) if wkt else None
+    x, y = (extent.min_x + extent.max_x) / 2, (extent.min_y + extent.max_y) / 2
+    width, height = ground_size(crs, x, y, UNIT_SHARE, UNIT_SHARE)
+    return width / UNIT_SHARE, height / UNIT_SHARE
 
 
 @lru_cache(maxsize=256)  # a mosaic says the same thing a thousand times

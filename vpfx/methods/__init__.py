@@ -11,10 +11,10 @@ from vpfx.methods import (
     ternary,
     wynne,
 )
-from vpfx.methods.base import Border, Method, Patch, check_features, checked_options
+from vpfx.methods.base import Border, Method, Patch, check_features, checked_options, takes_features
 from vpfx.registry import table
 
-__all__ = ["METHODS", "Border", "Method", "Patch", "check_features", "checked_options"]
+__all__ = ["METHODS", "Border", "Method", "Patch", "check_features", "checked_options", "takes_features"]
 
 METHODS = table(
     ternary.METHOD,

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from vpfx.errors import InputError
 from vpfx.model import Hierarchy
 
-__all__ = ["NEVER", "Border", "Method", "Patch", "check_features", "checked_options"]
+__all__ = ["NEVER", "Border", "Method", "Patch", "check_features", "checked_options", "takes_features"]
 
 NEVER = np.iinfo(np.int32).max  # rank of a post that is a node at no level
 
@@ -156,6 +156,11 @@ def checked_options(method: Method, options: Mapping[str, Any]) -> dict[str, Any
     return method.checked({**method.defaults, **options})
 
 
+def takes_features(method: Method, options: Mapping[str, Any]) -> bool:
+    """Tell whether a method makes something of surveyed lines, with these options."""
+    return bool(method.features) and (method.features != "points" or options.get("passes") is not None)
+
+
 def check_features(method: Method, options: Mapping[str, Any]) -> None:
     """Refuse surveyed lines for a method that makes nothing of them, at least not with these options.
 
@@ -166,5 +171,5 @@ def check_features(method: Method, options: Mapping[str, Any]) -> None:
     """
     if not method.features:
         raise InputError(f"features: found method {method.name}, which makes nothing of lines; leave them out")
-    if method.features == "points" and options.get("passes") is None:
+    if not takes_features(method, options):
         raise InputError(f"features: found method {method.name} with bounds, expected passes: no bound holds at points")

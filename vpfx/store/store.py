@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vpfx.errors import InputError, NotFoundError, StoreError, StoreFormatError
-from vpfx.model import Extent, Tin
+from vpfx.model import CUTS, Extent, Tin
 from vpfx.store.contents import read_extent, read_levels, read_metadata
 from vpfx.store.ddl import schema_sql
 from vpfx.store.digest import REALS
@@ -167,6 +167,17 @@ class Store:
             dict(zip(("name", "sha256", "byte_count", "driver"), row, strict=True))
             for row in self._connection.execute(query)
         ]
+
+    @property
+    def cuts(self) -> NDArray[np.int64]:
+        """Cuts made on the way to each level, by kind, (n_level, 5): see `vpfx.model.CUTS`."""
+        found = np.zeros((len(self.levels), len(CUTS)), np.int64)
+        for level, kind, count in self._connection.execute("SELECT level, kind, cut_count FROM level_cut"):
+            if not (level in range(len(self.levels)) and kind in CUTS and isinstance(count, int)):
+                message = f"found cuts {(level, kind, count)}, expected a level and a kind of cut"
+                raise StoreFormatError(str(self.path), "table level_cut", message, "R-122")
+            found[level, CUTS.index(kind)] = count
+        return found
 
     def tiles(self, bbox: Sequence[float] | None = None) -> dict[str, NDArray[Any]]:
         """Tiles, all or those that touch a rectangle, as columns of the table `tile`."""

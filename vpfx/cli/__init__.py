@@ -1,0 +1,8 @@
+"""The command line: one function a command, no logic. Data go to stdout, messages to stderr."""
+
+from vpfx.cli.build import build
+from vpfx.cli.common import app, main
+from vpfx.cli.compare import compare, measure
+from vpfx.cli.store import info, plot
+
+__all__ = ["app", "build", "compare", "info", "main", "measure", "plot"]
