@@ -26,7 +26,7 @@ def _trimesh() -> Any:
 
 
 def read_mesh(path: str | Path) -> Tin:
-    """Read a mesh whose triangles, seen from above, do not lie on each other; those seen from below are turned.
+    r"""Read a mesh whose triangles, seen from above, do not lie on each other; those seen from below are turned.
 
     Parameters
     ----------
@@ -52,7 +52,7 @@ def read_mesh(path: str | Path) -> Tin:
     >>> import tempfile
     >>> with tempfile.TemporaryDirectory() as folder:
     ...     path = Path(folder, "a.off")
-    ...     _ = path.write_text("\\n".join(["OFF", "4 2 0", "0 0 5", "1 0 5", "1 1 6", "0 1 6", "3 0 1 2", "3 0 2 3"]))
+    ...     _ = path.write_text("\n".join(["OFF", "4 2 0", "0 0 5", "1 0 5", "1 1 6", "0 1 6", "3 0 1 2", "3 0 2 3"]))
     ...     read_mesh(path).face_nodes.tolist()
     [[0, 2, 3], [0, 3, 1]]
     """

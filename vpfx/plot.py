@@ -23,7 +23,7 @@ from vpfx.measures import face_errors
 from vpfx.methods.scan import columns_of, place_sides, rows_of
 from vpfx.model import Tin
 
-__all__ = ["STYLES", "Style", "draw_tin", "find_pixels", "find_values", "picture", "plot_tin"]
+__all__ = ["STYLES", "Style", "check_picture", "draw_tin", "find_pixels", "find_values", "picture", "plot_tin"]
 
 Floats = NDArray[np.float64]
 
@@ -317,6 +317,20 @@ def plot_tin(
             figure.colorbar(scale, ax=axis, shrink=0.7, label=label or STYLES[style].quantity)
 
 
+def check_picture(path: Path, overwrite: bool) -> None:
+    """Refuse a picture that cannot be written.
+
+    Raises
+    ------
+    InputError, StoreError
+        The suffix is another; the file exists.
+    """
+    if path.suffix.lower() not in (".png", ".pdf", ".svg"):
+        raise InputError(f"{path}: found suffix {path.suffix!r}, expected .png, .pdf or .svg")
+    if path.exists() and not overwrite:
+        raise StoreError(f"{path}: found an existing file; give another name or --overwrite")
+
+
 @contextmanager
 def picture(
     path: str | Path, rows: int = 1, columns: int = 1, *, size: tuple[float, float] = (INCHES, INCHES),
@@ -340,10 +354,7 @@ def picture(
         The suffix is another; matplotlib is missing; the file exists or cannot be written.
     """
     path = Path(path)
-    if path.suffix.lower() not in (".png", ".pdf", ".svg"):
-        raise InputError(f"{path}: found suffix {path.suffix!r}, expected .png, .pdf or .svg")
-    if path.exists() and not overwrite:
-        raise StoreError(f"{path}: found an existing file; give another name or --overwrite")
+    check_picture(path, overwrite)
     pyplot = _pyplot()
     figure, axes = pyplot.subplots(
         rows, columns, figsize=(columns * size[0], rows * size[1]), layout="constrained", squeeze=False

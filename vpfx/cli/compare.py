@@ -54,10 +54,14 @@ def compare(dem: tuple[str, ...], methods: str, form: str, level: int | None, **
     from vpfx.dem import read_grid
     from vpfx.dem.reference import unit_metres
     from vpfx.features import read_features
+    from vpfx.plot import check_picture
 
     check_form(form)
     given = given_options(values)
-    for name in ("draw", "style", "curves", "overwrite"):
+    for name in ("draw", "curves"):
+        if given.pop(name, None):
+            check_picture(Path(values[name]), values["overwrite"])
+    for name in ("style", "overwrite"):
         given.pop(name, None)
     if not {"max_error", "passes"} & set(given):
         given["passes"] = PASSES
