@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 import re
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import pytest
@@ -26,7 +26,7 @@ class Case(NamedTuple):
     """A row of the table of specs/methods.md M-490: a method, its options and what it keeps."""
 
     method: str
-    options: dict[str, bool]
+    options: dict[str, Any]
     adjacent: bool
     nested: bool
     bounded: bool
@@ -43,8 +43,8 @@ def read_cases():
         r"^\| `(\w+)` \| (.*?) ?\| (\w+) \| (\w+) \| (\w+) \| (\w+) \| (\w+) \| (\S+) \|$", section, re.M
     ):
         assert set(kept) <= {"yes", "no"}
-        name = option.strip("`- ").replace("-", "_")
-        options = {name: True} if name in METHODS[method].defaults else {}
+        name, _, value = option.strip("`- ").replace("-", "_").partition(" ")
+        options = {name: int(value) if value else True} if name in METHODS[method].defaults else {}
         found[f"{method} {option.strip('`')}".strip()] = Case(
             method, options, *(word == "yes" for word in kept), features
         )

@@ -71,6 +71,7 @@ OF_DEM = ("crs", "bbox", "band", "nodata", "vertical_unit", "vertical_datum")  #
     "--total/--selective",
     help="quaternary: cut all faces as soon as one needs it, or only those that do.  [default: selective]",
 )
+@click.option("--split", type=int, help="quadtree: cut a square into so many by so many, 2, 3 or 4.  [default: 2]")
 @click.option("--shared-edges", is_flag=True, help="scarlatos: an edge that one face breaks is broken in both.")
 @click.option(
     "--start", default="grid", show_default=True, help="Start mesh: grid, or delaunay of the most significant posts."

@@ -1,6 +1,6 @@
 """Quadtrees over a start grid of squares: leaves, nodes, and the levels made of them.
 
-A place is a pair of whole numbers, UNIT to a side of a start square, so that neighbours name a node alike. What faces a leaf
+A place is a pair of whole numbers, `UNITS` to a side of a start square, so that neighbours name a node alike. What faces a leaf
 is drawn as is up to the method.
 """
 
@@ -21,11 +21,11 @@ from vpfx.methods.start import grid_posts
 from vpfx.model import CUTS, Hierarchy
 from vpfx.topology import NONE
 
-__all__ = ["Drawing", "Leaves", "build_quadtree"]
+__all__ = ["UNITS", "Drawing", "Leaves", "build_quadtree", "name_places"]
 
 Places = NDArray[np.int64]
-UNIT = 1 << 20
-"""Units to a side of a start square: it can be halved so often."""
+UNITS = {2: 2**20, 3: 3**12, 4: 4**10}
+"""Units to a side of a start square, by how many squares to a side one is cut into: it can be cut so often."""
 
 
 class Leaves(NamedTuple):
@@ -35,13 +35,12 @@ class Leaves(NamedTuple):
     y: Places
     size: Places
 
-    def split(self, which: NDArray[np.bool_]) -> Leaves:
-        """Put the four quarters of some leaves in their place: south-west, south-east, north-west, north-east."""
-        owner = np.repeat(np.arange(len(which)), np.where(which, 4, 1))
-        quarter = np.arange(len(owner)) - np.searchsorted(owner, owner)
-        half = np.where(which, self.size // 2, 0)[owner]
-        size = np.where(which, self.size // 2, self.size)[owner]
-        return Leaves(self.x[owner] + half * (quarter % 2), self.y[owner] + half * (quarter // 2), size)
+    def split(self, which: NDArray[np.bool_], n: int = 2) -> Leaves:
+        """Put n × n squares in the place of some leaves, from west to east and then from south to north."""
+        owner = np.repeat(np.arange(len(which)), np.where(which, n * n, 1))
+        part = np.arange(len(owner)) - np.searchsorted(owner, owner)
+        size = np.where(which, self.size // n, self.size)[owner]
+        return Leaves(self.x[owner] + size * (part % n), self.y[owner] + size * (part // n), size)
 
     def find(self, x: Places, y: Places) -> Places:
         """Find the leaf that holds each place (its south and west side belong to it), NONE outside."""
@@ -80,27 +79,27 @@ def name_places(x: Places, y: Places) -> Places:
 class _Lattice:
     """Where places lie, in posts, and how high."""
 
-    def __init__(self, patch: Patch) -> None:
-        self.patch = patch
+    def __init__(self, patch: Patch, unit: int) -> None:
+        self.patch, self.unit = patch, unit
         n_row, n_col = patch.heights.shape
         self.rows, self.cols = grid_posts(n_row, patch.n_square[0]), grid_posts(n_col, patch.n_square[1])
 
     def start(self) -> Leaves:
         """Return the squares of the start grid."""
         y, x = np.meshgrid(np.arange(len(self.rows) - 1), np.arange(len(self.cols) - 1), indexing="ij")
-        return Leaves(x.ravel() * UNIT, y.ravel() * UNIT, np.full(x.size, UNIT))
+        return Leaves(x.ravel() * self.unit, y.ravel() * self.unit, np.full(x.size, self.unit))
 
     def nodes(self, keys: Places) -> NDArray[np.float64]:
         """Return u, v and the height of the posts' surface of named places."""
-        u, v = _along(self.cols, keys & 0xFFFFFFFF), _along(self.rows, keys >> 32)
+        u, v = self._along(self.cols, keys & 0xFFFFFFFF), self._along(self.rows, keys >> 32)
         return np.stack([u, v, heights_at(self.patch.heights, u, v)], axis=1)
 
-
-def _along(lines: NDArray[np.int64], units: Places) -> NDArray[np.float64]:
-    """Turn units along rows or columns into posts; start squares lie between the lines."""
-    square = np.minimum(units // UNIT, len(lines) - 2)
-    posts: NDArray[np.float64] = lines[square] + (units - square * UNIT) / UNIT * (lines[square + 1] - lines[square])
-    return posts
+    def _along(self, lines: NDArray[np.int64], units: Places) -> NDArray[np.float64]:
+        """Turn units along rows or columns into posts; start squares lie between the lines."""
+        square = np.minimum(units // self.unit, len(lines) - 2)
+        share = (units - square * self.unit) / self.unit
+        posts: NDArray[np.float64] = lines[square] + share * (lines[square + 1] - lines[square])
+        return posts
 
 
 class _Level(NamedTuple):
@@ -132,6 +131,7 @@ def build_quadtree(
     options: Any,
     draw: Callable[[Leaves], Drawing],
     mend: Callable[[Leaves], Leaves] | None = None,
+    n_split: int = 2,
 ) -> Hierarchy:
     """Build all levels of a quadtree over one patch.
 
@@ -142,9 +142,11 @@ def build_quadtree(
     options : mapping
         With max_error, passes and tolerance of `vpfx.methods.options.SHARED`.
     draw : callable
-        Leaves → faces; those of a quarter must lie in those of its square.
+        Leaves → faces; those of a part must lie in those of its square.
     mend : callable, optional
         Leaves after splitting → leaves that can be drawn without T-junctions.
+    n_split : int
+        A square is cut into so many by so many.
 
     Raises
     ------
@@ -153,7 +155,7 @@ def build_quadtree(
     """
     if not (patch.squares == 15).all():
         raise InputError(f"{method}: found voids in the DEM, whose outline squares cannot follow; take another method")
-    lattice, bounds = _Lattice(patch), options["max_error"]
+    lattice, bounds = _Lattice(patch, UNITS[n_split]), options["max_error"]
     level = _draw(lattice, lattice.start(), draw, mend is not None)
     levels = []
     for number in range(len(bounds) if bounds is not None else 1 + options["passes"]):
@@ -163,9 +165,9 @@ def build_quadtree(
             is_over[level.drawing.leaf[level.error > limit]] = True
             if not is_over.any() or (bounds is None and turn == min(number, 1)):
                 break
-            if level.leaves.size[is_over].min() < 4:
+            if level.leaves.size[is_over].min() < n_split**2:
                 raise InputError(f"max_error: found {limit:g} m, too small for this DEM; give a larger bound")
-            leaves = level.leaves.split(is_over)
+            leaves = level.leaves.split(is_over, n_split)
             level = _draw(lattice, leaves if mend is None else mend(leaves), draw, mend is not None)
         else:
             raise InvariantError(f"{method}: level {number}: found no end after {MOST_PASSES} passes")
