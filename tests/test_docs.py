@@ -19,8 +19,8 @@ from vpfx.store.writer import FORMAT_VERSION
 
 ROOT = Path(__file__).resolve().parents[1]
 FIXTURES = ROOT / "fixtures" / "dem"
-NUMBER = re.compile(r"\b[RM]-\d{3}\b")
-PAGES = {"R": ROOT / "specs" / "format.md", "M": ROOT / "specs" / "methods.md"}
+NUMBER = re.compile(r"\b[RMQ]-\d{3}\b")
+PAGES = {kind: ROOT / "specs" / f"{name}.md" for kind, name in (("R", "format"), ("M", "methods"), ("Q", "query"))}
 CITING = [
     *sorted(path for folder in ("vpfx", "tests", "bench") for path in (ROOT / folder).rglob("*.py")),
     *sorted((ROOT / "schema").glob("*.sql")),
@@ -89,7 +89,7 @@ def test_numbers_are_given_once_and_rise(kind):
 
 @pytest.mark.parametrize("path", CITING, ids=lambda path: str(path.relative_to(ROOT)))
 def test_cited_numbers_exist(path):
-    known = {*headings("R"), *headings("M")}
+    known = {number for kind in PAGES for number in headings(kind)}
     lines = read(path).splitlines()
     wrong = [f"line {n}: {cited}" for n, line in enumerate(lines, 1) for cited in NUMBER.findall(line)]
     assert [line for line in wrong if line.split(": ")[1] not in known] == []
@@ -155,11 +155,19 @@ def test_readme_names_everything_public():
     assert [name for name in vpfx.__all__ if not re.search(rf"\b{name}\b", readme)] == []
 
 
+def commands(group=app, prefix=""):
+    """Return every command by its name, those of groups by both."""
+    found = {}
+    for name, command in group.commands.items():
+        found |= commands(command, f"{name} ") if isinstance(command, click.Group) else {prefix + name: command}
+    return found
+
+
 def options():
     """Return every option of every command."""
     return [
         (name, option)
-        for name, command in app.commands.items()
+        for name, command in commands().items()
         for option in command.params
         if isinstance(option, click.Option)
     ]
@@ -167,7 +175,7 @@ def options():
 
 @pytest.mark.parametrize(("name", "option"), options(), ids=[f"{name} {option.opts[-1]}" for name, option in options()])
 def test_every_option_is_in_the_help(name, option):
-    command = app.commands[name]
+    command = commands()[name]
     shown = command.get_help(click.Context(command, info_name=f"vpfx {name}"))
     assert option.help
     assert not option.hidden

@@ -20,7 +20,7 @@ LAYERS = (
     {"geometry"},
     {"topology"},
     {"dem", "methods", "store", "mesh_files"},  # these do not know each other
-    {"features", "patches", "measures"},
+    {"features", "patches", "measures", "query"},
     {"pipeline", "report"},
     {"compare", "plot"},
     {"gallery"},

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from vpfx.errors import InputError, NotFoundError, StoreError, StoreFormatError
 from vpfx.model import CUTS, Extent, Tin
+from vpfx.store.arrays import NONE_ID, TableReader, look_up, to_array
 from vpfx.store.contents import read_extent, read_levels, read_metadata
 from vpfx.store.ddl import schema_sql
 from vpfx.store.digest import REALS
@@ -23,7 +24,7 @@ from vpfx.store.geopackage import APPLICATION_ID
 
 __all__ = ["Store", "open_store"]
 
-NONE_ID = -1  # stands for NULL in integer columns of arrays
+MOST_SKIPPED = 256  # ids between two rows that are read in one sweep
 _CORE = (
     "metadata",
     "source",
@@ -96,7 +97,8 @@ class Store:
                 f"{path}: found {'a folder' if path.is_dir() else 'no such file'}, expected a store made by vpfx build"
             )
         try:
-            self._connection = sqlite3.connect(f"{path.absolute().as_uri()}?mode=ro", uri=True)
+            uri = f"{path.absolute().as_uri()}?mode=ro"
+            self._connection = sqlite3.connect(uri, uri=True, isolation_level=None)
         except sqlite3.Error as error:
             raise StoreError(f"{path}: cannot be opened: {error}") from error
         try:
@@ -107,6 +109,7 @@ class Store:
             self.levels = read_levels(self._connection, str(path))
             self.extent = read_extent(self._connection, str(path))
             self.crs = str(self.metadata["crs_wkt2"])
+            self._reader = TableReader(self._connection, path)
         except sqlite3.DatabaseError as error:
             self.close()
             reason = "no SQLite database" if "not a database" in str(error) else f"a damaged database ({error})"
@@ -186,8 +189,8 @@ class Store:
             min_x, min_y, max_x, max_y = _checked_box(bbox)
             touching = "SELECT tile_id FROM tile_index WHERE xmax >= ? AND xmin <= ? AND ymax >= ? AND ymin <= ?"
             query += f" WHERE tile_id IN ({touching})"
-            return self._columns(f"{query} ORDER BY tile_id", (min_x, max_x, min_y, max_y))
-        return self._columns(f"{query} ORDER BY tile_id")
+            return self.select(f"{query} ORDER BY tile_id", (min_x, max_x, min_y, max_y))
+        return self.select(f"{query} ORDER BY tile_id")
 
     def rows(self, table: str, level: int, tile_id: int | None = None) -> dict[str, NDArray[Any]]:
         """Rows of one level as arrays.
@@ -212,23 +215,61 @@ class Store:
         """
         if table not in _RANGED:
             raise InputError(f"table: found {table!r}, expected one of: {', '.join(_RANGED)}")
-        self._check_level(level)
+        self.check_level(level)
         where, values = "level = ?", [level]
         if tile_id is not None:
             if not self._connection.execute("SELECT 1 FROM tile WHERE tile_id = ?", (tile_id,)).fetchone():
                 raise NotFoundError(f"{self.path}: found no tile {tile_id}")
             where, values = f"{where} AND tile_id = ?", [level, tile_id]
         columns = [row[1] for row in self._connection.execute(f"PRAGMA table_info({table})") if row[1] != "xyz"]
-        return self._columns(f"SELECT {', '.join(columns)} FROM {table} WHERE {where} ORDER BY {table}_id", values)
+        return self.select(f"SELECT {', '.join(columns)} FROM {table} WHERE {where} ORDER BY {table}_id", values)
+
+    def fetch(self, table: str, ids: Any) -> dict[str, NDArray[Any]]:
+        """Rows with given ids as arrays.
+
+        Parameters
+        ----------
+        table : str
+            ``node``, ``edge`` or ``face``.
+        ids : integers (n,)
+            In any order, also more than once.
+
+        Returns
+        -------
+        dict of str to array
+            One int64 or float64 array of n a column that holds numbers, in the order asked; NULL is -1, or NaN in columns
+            of reals.
+
+        Raises
+        ------
+        InputError, NotFoundError
+            There is no such table, or no row with one of the ids.
+
+        Notes
+        -----
+        Ids near each other are read in one sweep. Cost: O(pages of those sweeps).
+        """
+        if table not in _RANGED:
+            raise InputError(f"table: found {table!r}, expected one of: {', '.join(_RANGED)}")
+        wanted, index = np.unique(np.asarray(ids, np.int64).ravel(), return_inverse=True)
+        runs = (
+            np.split(wanted, np.flatnonzero(np.diff(wanted) > MOST_SKIPPED) + 1) if len(wanted) else [np.array([1, 0])]
+        )
+        parts = [self._reader.rows(table, int(run[0]), int(run[-1])) for run in runs]
+        rows = {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
+        at, is_there = look_up(rows[f"{table}_id"], wanted)
+        if not is_there.all():
+            raise NotFoundError(f"{self.path}: found no {table} {wanted[~is_there][0]}")
+        return {name: values[at[index]] for name, values in rows.items()}
 
     def links(self, level: int) -> NDArray[np.int64]:
         """Pairs (parent_face, child_face) from the level before to this one, in the order of children."""
-        self._check_level(level)
+        self.check_level(level)
         query = (
             "SELECT p.parent_face, p.child_face FROM tile_level r CROSS JOIN parent_child p "
             "ON p.child_face BETWEEN r.first_face AND r.last_face WHERE r.level = ? ORDER BY p.child_face, p.parent_face"
         )
-        columns = self._columns(query, (level,))
+        columns = self.select(query, (level,))
         return np.stack([columns["parent_face"], columns["child_face"]], axis=1)
 
     def tin(self, level: int, bbox: Sequence[float] | None = None) -> Tin:
@@ -256,15 +297,20 @@ class Store:
         -----
         Reads only the tiles that touch the rectangle.
         """
-        self._check_level(level)
+        self.check_level(level)
         tile_ids = self.tiles(bbox)["tile_id"].tolist()
-        parts = [self._tile_faces(level, tile_id) for tile_id in tile_ids]
+        parts = [self.tile_faces(level, tile_id) for tile_id in tile_ids]
         faces = {name: np.concatenate([part[name] for part in parts]) for name in parts[0]} if parts else {}
         if not faces:
             return Tin(np.empty((0, 3)), np.empty((0, 3), np.int32), crs=self.crs)
         corners = np.stack([faces[f"node_{i}"] for i in (1, 2, 3)], axis=1)
         node_ids, index = np.unique(corners, return_inverse=True)
-        nodes = self._nodes(node_ids, tile_ids)
+        try:
+            nodes = self.fetch("node", node_ids)
+        except NotFoundError as error:
+            message = f"found faces with corners that are no nodes ({error})"
+            raise StoreFormatError(str(self.path), "table face", message, "R-170") from None
+        nodes["xyz"] = np.stack([nodes[axis] for axis in "xyz"], axis=1)
         face_nodes = index.reshape(-1, 3)
         if bbox is not None:
             keep = _touches(nodes["xyz"], face_nodes, _checked_box(bbox))
@@ -277,64 +323,37 @@ class Store:
             "face_id": faces["face_id"], "tile_id": faces["tile_id"], "is_filled": faces["is_filled"].astype(bool),
             "slope": faces["slope_centidegrees"] / 100.0, "aspect": np.where(aspect == NONE_ID, np.nan, aspect / 100.0),
         }  # fmt: skip
-        known = {name: nodes[name] for name in ("node_id", "level", "z_parent")}
+        known = {"node_id": node_ids, "level": nodes["level"].astype(np.int32), "z_parent": nodes["z_parent"]}
         return Tin(nodes["xyz"], face_nodes.astype(np.int32), attributes, known, crs=self.crs)
 
-    def _tile_faces(self, level: int, tile_id: int) -> dict[str, NDArray[Any]]:
-        query = (
-            "SELECT f.* FROM tile_level r CROSS JOIN face f ON f.face_id BETWEEN r.first_face AND r.last_face "
-            "WHERE r.tile_id = ? AND r.level = ? ORDER BY f.face_id"
-        )
-        return self._columns(query, (tile_id, level))
+    def tile_faces(self, level: int, tile_id: int) -> dict[str, NDArray[Any]]:
+        """Rows of the faces of one level and tile, as of `fetch`."""
+        query = "SELECT first_face, last_face FROM tile_level WHERE tile_id = ? AND level = ?"
+        first, last = self._connection.execute(query, (tile_id, level)).fetchone()
+        return self._reader.rows("face", *((1, 0) if first is None else (first, last)))
 
-    def _nodes(self, node_ids: NDArray[np.int64], tile_ids: Sequence[int]) -> dict[str, NDArray[Any]]:
-        """Nodes by id: those of the given tiles in one sweep each, those on borders one by one."""
-        parts = []
-        low_high = "SELECT min(first_node), max(last_node) FROM tile_level WHERE tile_id = ?"
-        for tile_id in tile_ids:
-            limits = self._connection.execute(low_high, (tile_id,)).fetchone()
-            query = "SELECT node_id, level, z_parent, xyz FROM node WHERE node_id BETWEEN ? AND ?"
-            parts.append(self._connection.execute(query, limits).fetchall())
-        found = {row[0] for part in parts for row in part}
-        single = "SELECT node_id, level, z_parent, xyz FROM node WHERE node_id = ?"
-        missing = [node_id for node_id in node_ids.tolist() if node_id not in found]
-        parts.append([row for node_id in missing for row in self._connection.execute(single, (node_id,))])
-        rows = [row for part in parts for row in part]
-        known = np.array([row[0] for row in rows], np.int64)
-        order = np.argsort(known)
-        at = order[np.minimum(np.searchsorted(known[order], node_ids), len(order) - 1)]
-        if len(rows) == 0 or (known[at] != node_ids).any():
-            raise StoreFormatError(str(self.path), "table node", "found faces with corners that are no nodes", "R-170")
-        xyz = np.frombuffer(b"".join(row[3] for row in rows), "<f8").reshape(-1, 3)[at]
-        level, z_parent = (
-            np.array([row[1] for row in rows], np.int32)[at],
-            _array("z_parent", [row[2] for row in rows])[at],
-        )
-        return {"node_id": node_ids, "level": level, "z_parent": z_parent, "xyz": xyz}
+    def check_level(self, level: int) -> None:
+        """Refuse a level that is not there.
 
-    def _check_level(self, level: int) -> None:
+        Raises
+        ------
+        NotFoundError
+        """
         if not 0 <= level < len(self.levels):
             raise NotFoundError(f"{self.path}: found no level {level}, expected 0…{len(self.levels) - 1}")
 
-    def _columns(self, query: str, values: Sequence[Any] = ()) -> dict[str, NDArray[Any]]:
-        """Run a query and return its columns as arrays; NULL is -1, or NaN in columns of reals."""
+    def select(self, query: str, values: Sequence[Any] = ()) -> dict[str, NDArray[Any]]:
+        """Run a query and return its columns as arrays; NULL is -1, or NaN in columns of reals.
+
+        Examples
+        --------
+        ``store.select("SELECT level, max_error FROM level WHERE max_error < ?", (10,))``
+        """
         cursor = self._connection.execute(query, values)
         names = [column[0] for column in cursor.description]
         rows = cursor.fetchall()
         columns = zip(*rows, strict=True) if rows else ([] for _ in names)
-        return {name: _array(name, column) for name, column in zip(names, columns, strict=True)}
-
-
-def _array(name: str, values: Sequence[Any]) -> NDArray[Any]:
-    """Array of one column of rows."""
-    if any(isinstance(value, str) for value in values[:1]):
-        return np.array(values)
-    if name in REALS or any(isinstance(value, float) for value in values[:1]):
-        return np.array(values, np.float64)
-    try:
-        return np.array(values, np.int64)
-    except TypeError:
-        return np.array([NONE_ID if value is None else value for value in values], np.int64)
+        return {name: to_array(column, name in REALS) for name, column in zip(names, columns, strict=True)}
 
 
 def _checked_box(bbox: Sequence[float]) -> Extent:

@@ -1,0 +1,169 @@
+"""Which face lies at a place, and how high its surface is there: for many places at once."""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from vpfx.errors import InputError
+from vpfx.geometry import ON_EDGE, heights_on_faces
+from vpfx.store.store import Store
+from vpfx.topology import NONE
+
+__all__ = ["Located", "locate"]
+
+Floats = NDArray[np.float64]
+
+FACES_PER_BIN = 2.0
+
+
+class Located(NamedTuple):
+    """What lies at places; -1 and NaN where there is no face.
+
+    Attributes
+    ----------
+    face_ids : int64 (n,)
+        On an edge or at a node the face of least id.
+    z : float64 (n,)
+        Height of the surface, metres.
+    slope, aspect : float64 (n,)
+        Of the face, degrees; aspect is NaN for level ground too.
+    normal : float64 (n, 3)
+        Of the face, upwards, of length 1: east, north, up.
+    """
+
+    face_ids: NDArray[np.int64]
+    z: Floats
+    slope: Floats
+    aspect: Floats
+    normal: Floats
+
+
+def locate(store: Store, places: Any, level: int) -> Located:
+    """Find the faces of a level at places.
+
+    Parameters
+    ----------
+    store : Store
+    places : float64 (n, 2)
+        x and y in CRS units.
+    level : int
+
+    Raises
+    ------
+    InputError
+        The places are no (n, 2) array of finite numbers.
+    NotFoundError
+        There is no such level.
+
+    Notes
+    -----
+    Reads the tiles that hold places, one by one. Cost: O(faces of those tiles + places).
+    """
+    store.check_level(level)
+    xy = np.asarray(places, np.float64)
+    xy = xy.reshape(-1, 2) if xy.size == 0 else xy
+    if xy.ndim != 2 or xy.shape[1] != 2 or not np.isfinite(xy).all():
+        raise InputError(f"places: found an array of shape {xy.shape}, expected (n, 2) finite numbers")
+    face_ids, z = np.full(len(xy), NONE, np.int64), np.full(len(xy), np.nan)
+    tiles = store.tiles()
+    corners = np.array([[tiles["xmin"], tiles["ymin"]], [tiles["xmax"], tiles["ymax"]]]).transpose(0, 2, 1)
+    for k in range(len(tiles["tile_id"])):
+        low, high = corners[:, k]
+        some = np.flatnonzero((face_ids == NONE) & ((xy >= low) & (xy <= high)).all(axis=1))
+        if len(some) == 0:
+            continue
+        faces = store.tile_faces(level, int(tiles["tile_id"][k]))
+        if len(faces["face_id"]) == 0:
+            continue
+        node_ids, index = np.unique(np.stack([faces[f"node_{i}"] for i in (1, 2, 3)], axis=1), return_inverse=True)
+        rows = store.fetch("node", node_ids)
+        nodes = np.stack([rows[axis] for axis in "xyz"], axis=1)
+        face_nodes = index.reshape(-1, 3).astype(np.int32)
+        found = _find(np.ascontiguousarray(xy[some]), nodes, face_nodes, *_bins(nodes, face_nodes, low, high))
+        is_found = found != NONE
+        face_ids[some[is_found]] = faces["face_id"][found[is_found]]
+        z[some[is_found]] = heights_on_faces(nodes, face_nodes, found[is_found], xy[some[is_found]])
+    return _described(store, face_ids, z)
+
+
+def _described(store: Store, face_ids: NDArray[np.int64], z: Floats) -> Located:
+    """Add slopes, aspects and normals."""
+    is_there = face_ids != NONE
+    rows = store.fetch("face", face_ids[is_there])
+    slope, aspect = np.full(len(z), np.nan), np.full(len(z), np.nan)
+    slope[is_there] = rows["slope_centidegrees"] / 100.0
+    aspect[is_there] = np.where(rows["aspect_centidegrees"] == NONE, np.nan, rows["aspect_centidegrees"] / 100.0)
+    steep, towards = np.radians(slope), np.radians(np.where(is_there, np.nan_to_num(aspect), np.nan))
+    normal = np.stack([np.sin(steep) * np.sin(towards), np.sin(steep) * np.cos(towards), np.cos(steep)], axis=1)
+    return Located(face_ids, z, slope, aspect, normal)
+
+
+def _bins(nodes: Floats, face_nodes: NDArray[np.int32], low: Floats, high: Floats) -> tuple[Any, ...]:
+    """Sort faces into bins of a rectangle: offsets, faces, corner and size of the bins."""
+    size = np.maximum(high - low, np.finfo(float).tiny)
+    n_bin = max(1.0, len(face_nodes) / FACES_PER_BIN)
+    n_col = int(np.clip(np.round(np.sqrt(n_bin * size[0] / size[1])), 1, n_bin))
+    n_row = int(max(1, np.round(n_bin / n_col)))
+    step = size / (n_col, n_row)
+    return (*_sort_faces(nodes, face_nodes, low, step, n_col, n_row), low, step, n_col, n_row)
+
+
+@njit(nogil=True, cache=True)
+def _bin_of(value, low, step, n):  # type: ignore[no-untyped-def]
+    """Return the bin of a coordinate."""
+    found = int(np.floor((value - low) / step))
+    return min(max(found, 0), n - 1)
+
+
+@njit(nogil=True, cache=True)
+def _sort_faces(nodes, face_nodes, low, step, n_col, n_row):  # type: ignore[no-untyped-def]
+    """List the faces whose bounding boxes touch each bin, ascending: offsets (n_bin + 1,) and faces."""
+    n_face = len(face_nodes)
+    box = np.empty((n_face, 4), np.int64)
+    offsets = np.zeros(n_col * n_row + 1, np.int64)
+    for face in range(n_face):
+        for axis in range(2):
+            a, b, c = (
+                nodes[face_nodes[face, 0], axis],
+                nodes[face_nodes[face, 1], axis],
+                nodes[face_nodes[face, 2], axis],
+            )
+            n = n_col if axis == 0 else n_row
+            box[face, axis] = _bin_of(min(a, b, c), low[axis], step[axis], n)
+            box[face, 2 + axis] = _bin_of(max(a, b, c), low[axis], step[axis], n)
+        for row in range(box[face, 1], box[face, 3] + 1):
+            for col in range(box[face, 0], box[face, 2] + 1):
+                offsets[row * n_col + col + 1] += 1
+    offsets = np.cumsum(offsets)
+    at, faces = offsets[:-1].copy(), np.empty(offsets[-1], np.int32)
+    for face in range(n_face):
+        for row in range(box[face, 1], box[face, 3] + 1):
+            for col in range(box[face, 0], box[face, 2] + 1):
+                faces[at[row * n_col + col]] = face
+                at[row * n_col + col] += 1
+    return offsets, faces
+
+
+@njit(nogil=True, cache=True)
+def _find(places, nodes, face_nodes, offsets, faces, low, step, n_col, n_row):  # type: ignore[no-untyped-def]
+    """Return the first face that each place lies in or on, -1 for none, int64 (n,)."""
+    found = np.full(len(places), NONE, np.int64)
+    for k in range(len(places)):
+        x, y = places[k, 0], places[k, 1]
+        at = _bin_of(y, low[1], step[1], n_row) * n_col + _bin_of(x, low[0], step[0], n_col)
+        for j in range(offsets[at], offsets[at + 1]):
+            face = faces[j]
+            a, b, c = face_nodes[face]
+            ax, ay = nodes[a, 0] - x, nodes[a, 1] - y
+            bx, by = nodes[b, 0] - x, nodes[b, 1] - y
+            cx, cy = nodes[c, 0] - x, nodes[c, 1] - y
+            of_a, of_b, of_c = bx * cy - by * cx, cx * ay - cy * ax, ax * by - ay * bx
+            least = -ON_EDGE * (of_a + of_b + of_c)
+            if of_a >= least and of_b >= least and of_c >= least:
+                found[k] = face
+                break
+    return found

@@ -1,0 +1,254 @@
+"""Rows of a store as arrays, taken from its pages: the layout of SQLite B-trees, read.
+
+SQLite gives a row at a time, each value a Python object; here a kernel decodes the records of whole leaves. Nothing in the
+file is trusted: every page, pointer and length is checked against the file before it is followed.
+
+Source: "SQLite file format", sqlite.org/fileformat2.html, §1.5, §1.6, §2.1.
+"""
+
+from __future__ import annotations
+
+import mmap
+from pathlib import Path
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from vpfx.store.page_cells import INNER_INDEX, INNER_TABLE, LEAF_TABLE
+
+__all__ = ["PAGE", "Pages", "find_leaves", "read_records"]
+
+PAGE = 4096
+FILE_HEADER = 100  # bytes, on the first page
+IS_BROKEN = -1
+NULL_INT = -1
+
+OTHER, WHOLE, REAL = range(3)
+"""What a column gives: nothing, int64 (NULL is -1), float64 (NULL is NaN)."""
+
+
+class Pages:
+    """The pages of a file, mapped into memory.
+
+    Notes
+    -----
+    Map before any lock is taken and keep it: POSIX drops a process's locks on a file when any of its handles is closed.
+    """
+
+    def __init__(self, path: Path) -> None:
+        with path.open("rb") as file:
+            self._map = mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ)
+        self.bytes: NDArray[np.uint8] = np.frombuffer(self._map, np.uint8)
+
+    @property
+    def count(self) -> int:
+        """Number of whole pages."""
+        return len(self.bytes) // PAGE
+
+
+@njit(nogil=True, cache=True)
+def _varint(data, at, stop):
+    """Return the variable-length integer at a byte and its end; the end is negative if it runs over."""
+    value = np.int64(0)
+    for i in range(9):
+        if at >= stop:
+            return value, IS_BROKEN
+        byte = np.int64(data[at])
+        at += 1
+        if i == 8:
+            return value << 8 | byte, at
+        value = value << 7 | (byte & 127)
+        if byte < 128:
+            return value, at
+    return value, IS_BROKEN
+
+
+@njit(nogil=True, cache=True)
+def _big_endian(data, at, n):
+    """Return n bytes as a signed integer."""
+    value = np.int64(data[at])
+    if value > 127:
+        value -= 256
+    for i in range(1, n):
+        value = value << 8 | np.int64(data[at + i])
+    return value
+
+
+@njit(nogil=True, cache=True)
+def _head(data, page):
+    """Return kind, number of cells, and the place of the pointers of a page."""
+    base = (page - 1) * PAGE + (FILE_HEADER if page == 1 else 0)
+    kind = data[base]
+    n_cell = np.int64(data[base + 3]) << 8 | np.int64(data[base + 4])
+    pointers = base + (12 if kind in (INNER_TABLE, INNER_INDEX) else 8)
+    if pointers + 2 * n_cell > page * PAGE:
+        return 0, 0, 0
+    return kind, n_cell, pointers
+
+
+@njit(nogil=True, cache=True)
+def find_leaves(data, root, low, high):
+    """List the leaves of a table that may hold rows from one id to another, in order.
+
+    Parameters
+    ----------
+    data : uint8 (n_page * PAGE,)
+    root : int
+        Page of the table.
+    low, high : int
+
+    Returns
+    -------
+    int64 (n,), int
+        Pages, and how many rows they have; -1 rows if the tree is broken.
+
+    Notes
+    -----
+    Cost: O(pages listed + depth of the tree).
+    """
+    n_page = len(data) // PAGE
+    leaves = np.empty(16, np.int64)
+    stack, n_left = np.empty(n_page + 1, np.int64), 1
+    stack[0], count, n_row, seen = root, 0, 0, 0
+    while n_left > 0:
+        n_left -= 1
+        page = stack[n_left]
+        seen += 1
+        if page < 1 or page > n_page or seen > n_page:
+            return leaves[:0], IS_BROKEN
+        kind, n_cell, pointers = _head(data, page)
+        if kind == LEAF_TABLE:
+            if count == len(leaves):
+                grown = np.empty(2 * count, np.int64)
+                grown[:count] = leaves
+                leaves = grown
+            leaves[count] = page
+            count += 1
+            n_row += n_cell
+            continue
+        if kind != INNER_TABLE:
+            return leaves[:0], IS_BROKEN
+        start = (page - 1) * PAGE
+        first = n_left
+        previous = np.iinfo(np.int64).min
+        for i in range(n_cell + 1):
+            last = np.iinfo(np.int64).max
+            if i < n_cell:
+                at = start + (np.int64(data[pointers + 2 * i]) << 8 | np.int64(data[pointers + 2 * i + 1]))
+                if at + 4 > page * PAGE:
+                    return leaves[:0], IS_BROKEN
+                last, end = _varint(data, at + 4, page * PAGE)
+                if end < 0:
+                    return leaves[:0], IS_BROKEN
+            else:
+                at = pointers - 4
+            if last >= low and previous < high:
+                child = np.int64(0)
+                for b in range(4):
+                    child = child << 8 | np.int64(data[at + b])
+                if n_left > n_page:
+                    return leaves[:0], IS_BROKEN
+                stack[n_left] = child
+                n_left += 1
+            previous = last
+        stack[first:n_left] = stack[first:n_left][::-1].copy()  # the first child is looked at first
+    return leaves[:count], n_row
+
+
+@njit(nogil=True, cache=True)
+def read_records(data, leaves, low, high, kinds, wholes, reals, ids):
+    """Decode the rows of some leaves whose ids lie in a range.
+
+    Parameters
+    ----------
+    data : uint8 (n_page * PAGE,)
+    leaves : int64 (n_leaf,)
+        By `find_leaves`.
+    low, high : int
+    kinds : int64 (n_column,)
+        What each column gives: OTHER, WHOLE or REAL.
+    wholes : int64 (n_whole, ≥ n), reals : float64 (n_real, ≥ n), ids : int64 (≥ n,)
+        Take the values; a column that stands for the id is taken as the id.
+
+    Returns
+    -------
+    int
+        Number of rows, -1 if a record is broken.
+
+    Notes
+    -----
+    Cost: O(bytes of the leaves).
+    """
+    count = 0
+    for page in leaves:
+        kind, n_cell, pointers = _head(data, page)
+        start, stop = (page - 1) * PAGE, page * PAGE
+        if kind != LEAF_TABLE:
+            return IS_BROKEN
+        for i in range(n_cell):
+            at = start + (np.int64(data[pointers + 2 * i]) << 8 | np.int64(data[pointers + 2 * i + 1]))
+            n_byte, at = _varint(data, at, stop)
+            if at < 0:
+                return IS_BROKEN
+            row, at = _varint(data, at, stop)
+            if at < 0 or n_byte < 1 or n_byte > stop - at:
+                return IS_BROKEN
+            if row < low or row > high:
+                continue
+            end = at + n_byte
+            n_head, types = _varint(data, at, end)
+            body = at + n_head
+            if types < 0 or n_head < 1 or body > end or count >= len(ids):
+                return IS_BROKEN
+            ids[count] = row
+            n_whole = n_real = 0
+            for column in range(len(kinds)):
+                if types >= at + n_head:
+                    return IS_BROKEN
+                code, types = _varint(data, types, at + n_head)
+                if types < 0 or code < 0:
+                    return IS_BROKEN
+                size = _size_of(code)
+                if size > end - body:
+                    return IS_BROKEN
+                if kinds[column] == WHOLE:
+                    if code > 9 or code == 7:
+                        return IS_BROKEN
+                    wholes[n_whole, count] = NULL_INT if code == 0 else _whole(data, body, code)
+                    n_whole += 1
+                elif kinds[column] == REAL:
+                    if code > 9:
+                        return IS_BROKEN
+                    value = np.nan
+                    if code == 7:
+                        bits = np.empty(1, np.int64)
+                        bits[0] = _big_endian(data, body, 8)
+                        value = bits.view(np.float64)[0]
+                    elif code > 0:
+                        value = float(_whole(data, body, code))
+                    reals[n_real, count] = value
+                    n_real += 1
+                body += size
+            count += 1
+    return count
+
+
+@njit(nogil=True, cache=True)
+def _size_of(code):
+    """Return the bytes of a value by its serial type."""
+    if code >= 12:
+        return (code - 12) // 2
+    if code >= 8:
+        return 0
+    if code >= 6:
+        return 8
+    return 6 if code == 5 else code
+
+
+@njit(nogil=True, cache=True)
+def _whole(data, at, code):
+    """Return the whole number of a serial type."""
+    if code >= 8:
+        return np.int64(code - 8)
+    return _big_endian(data, at, _size_of(code))
