@@ -3,7 +3,7 @@
 from vpfx.cli.build import build
 from vpfx.cli.common import app, main
 from vpfx.cli.compare import compare, measure
-from vpfx.cli.query import at, query
+from vpfx.cli.query import at, profile, query
 from vpfx.cli.store import info, plot
 
-__all__ = ["app", "at", "build", "compare", "info", "main", "measure", "plot", "query"]
+__all__ = ["app", "at", "build", "compare", "info", "main", "measure", "plot", "profile", "query"]

@@ -10,10 +10,10 @@ from typing import Any
 
 import click
 
-from vpfx.cli.common import app
+from vpfx.cli.common import app, numbers
 from vpfx.errors import InputError, NotFoundError
 
-__all__ = ["at", "query"]
+__all__ = ["at", "profile", "query"]
 
 
 @app.group(no_args_is_help=True)
@@ -56,6 +56,37 @@ def at(store: Path, level: int | None, points: str, as_json: bool) -> None:
         return
     for row in told:
         print(" ".join("–" if value is None else f"{value:.10g}" for value in row))
+
+
+@query.command()
+@click.argument("store", type=click.Path(path_type=Path))
+@click.option("--level", type=int, help="Level to ask.  [default: the finest]")
+@click.option("--line", required=True, metavar="X,Y,X,Y,…", help="Two places or more, in CRS units.")
+@click.option("--json", "as_json", is_flag=True, help="Print one JSON document.")
+def profile(store: Path, level: int | None, line: str, as_json: bool) -> None:
+    """Tell what lies under a line: every face, and distance and height where the line comes in and goes out.
+
+    Prints face, distance in, distance out (CRS units), height in and height out (metres), a line each face.
+
+    Example: vpfx query profile n36.gpkg --line -107.66,36.35,-107.60,36.40
+    """
+    from vpfx.query.lines import profile as follow
+    from vpfx.store.store import open_store
+
+    given = numbers(line, "line", float)
+    if len(given) < 4 or len(given) % 2:
+        raise InputError(f"--line: found {len(given)} numbers, expected x and y of two places or more")
+    with open_store(store) as opened:
+        number = len(opened.levels) - 1 if level is None else level
+        found = follow(opened, list(zip(given[::2], given[1::2], strict=True)), number)
+    heights = zip(found.start[:, 2].tolist(), found.end[:, 2].tolist(), strict=True)
+    rows = zip(found.face_ids.tolist(), found.distance.tolist(), heights, strict=True)
+    if as_json:
+        pieces = [{"face": face, "distance": distance, "z": z} for face, distance, z in rows]
+        print(json.dumps({"level": number, "pieces": pieces}, indent=2))
+        return
+    for face, distance, z in rows:
+        print(face, *(f"{value:.10g}" for value in (*distance, *z)))
 
 
 def _or_none(value: float | None) -> Any:
