@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from vpfx.errors import InputError
 from vpfx.geometry import heights_on_faces
-from vpfx.query.location import locate
+from vpfx.query.location import locate, mesh_of
 from vpfx.store.store import Store
 from vpfx.topology import NONE
 
@@ -89,10 +89,7 @@ def _stretch(store: Store, start: Floats, end: Floats, level: int, done: float) 
     is_face = face_ids[first] != NONE
     first, last = first[is_face], last[is_face]
     ids, along = face_ids[first], np.stack([cuts[first], cuts[last + 1]], axis=1)
-    faces = store.fetch("face", ids)
-    node_ids, index = np.unique(np.stack([faces[f"node_{i}"] for i in (1, 2, 3)], axis=1), return_inverse=True)
-    rows = store.fetch("node", node_ids)
-    nodes, face_nodes = np.stack([rows[axis] for axis in "xyz"], axis=1), index.reshape(-1, 3).astype(np.int32)
+    nodes, face_nodes = mesh_of(store, store.fetch("face", ids))
     places = start + along[:, :, None] * (end - start)
     height = [heights_on_faces(nodes, face_nodes, np.arange(len(ids)), places[:, i]) for i in (0, 1)]
     ends = [np.column_stack([places[:, i], height[i]]) for i in (0, 1)]
@@ -108,11 +105,9 @@ def _crossings(store: Store, start: Floats, end: Floats, level: int) -> Floats:
         faces = store.tile_faces(level, tile_id)
         if len(faces["face_id"]) == 0:
             continue
-        node_ids, index = np.unique(np.stack([faces[f"node_{i}"] for i in (1, 2, 3)], axis=1), return_inverse=True)
-        rows = store.fetch("node", node_ids)
-        place = np.stack([rows["x"], rows["y"]], axis=1) - start
+        nodes, corner = mesh_of(store, faces)
+        place = nodes[:, :2] - start
         side = place[:, 0] * ahead[1] - place[:, 1] * ahead[0]  # which side of the line each node lies on
-        corner = index.reshape(-1, 3)
         a, b = corner.ravel(), np.roll(corner, -1, axis=1).ravel()
         crosses = np.sign(side[a]) != np.sign(side[b])  # also where a node lies on the line
         a, b = a[crosses], b[crosses]

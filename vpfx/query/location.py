@@ -13,7 +13,7 @@ from vpfx.geometry import ON_EDGE, heights_on_faces
 from vpfx.store.store import Store
 from vpfx.topology import NONE
 
-__all__ = ["Located", "locate"]
+__all__ = ["Located", "locate", "mesh_of"]
 
 Floats = NDArray[np.float64]
 
@@ -79,15 +79,19 @@ def locate(store: Store, places: Any, level: int) -> Located:
         faces = store.tile_faces(level, int(tiles["tile_id"][k]))
         if len(faces["face_id"]) == 0:
             continue
-        node_ids, index = np.unique(np.stack([faces[f"node_{i}"] for i in (1, 2, 3)], axis=1), return_inverse=True)
-        rows = store.fetch("node", node_ids)
-        nodes = np.stack([rows[axis] for axis in "xyz"], axis=1)
-        face_nodes = index.reshape(-1, 3).astype(np.int32)
+        nodes, face_nodes = mesh_of(store, faces)
         found = _find(np.ascontiguousarray(xy[some]), nodes, face_nodes, *_bins(nodes, face_nodes, low, high))
         is_found = found != NONE
         face_ids[some[is_found]] = faces["face_id"][found[is_found]]
         z[some[is_found]] = heights_on_faces(nodes, face_nodes, found[is_found], xy[some[is_found]])
     return _described(store, face_ids, z)
+
+
+def mesh_of(store: Store, faces: dict[str, NDArray[Any]]) -> tuple[Floats, NDArray[np.int32]]:
+    """Nodes, float64 (n_node, 3), and face_nodes, int32 (n_face, 3), of rows of the table `face`."""
+    node_ids, index = np.unique(np.stack([faces[f"node_{i}"] for i in (1, 2, 3)], axis=1), return_inverse=True)
+    rows = store.fetch("node", node_ids)
+    return np.stack([rows[axis] for axis in "xyz"], axis=1), index.reshape(-1, 3).astype(np.int32)
 
 
 def _described(store: Store, face_ids: NDArray[np.int64], z: Floats) -> Located:
