@@ -16,6 +16,7 @@ import time
 from pathlib import Path
 from typing import NamedTuple
 
+import click
 import pytest
 
 from vpfx import __version__
@@ -323,9 +324,17 @@ def test_version(run):
     assert run("--version") == (GOOD, f"vpfx {__version__}\n", "")
 
 
-@pytest.mark.parametrize("name", [None, *app.commands])
+def commands(group=app, prefix=""):
+    """Return every command by its name, those of groups by both."""
+    found = {}
+    for name, command in group.commands.items():
+        found |= commands(command, f"{name} ") if isinstance(command, click.Group) else {prefix + name: command}
+    return found
+
+
+@pytest.mark.parametrize("name", [None, *commands()])
 def test_help(name, run):
-    outcome = run(*([name] if name else []), "--help")
+    outcome = run(*(name.split() if name else []), "--help")
     assert (outcome.code, outcome.err) == (GOOD, "")
     assert outcome.out.startswith(f"Usage: vpfx {name or ''}".rstrip())
     if name:
@@ -337,13 +346,14 @@ def test_help(name, run):
 
 def examples(name):
     """Return the example lines in the help of a command."""
-    return re.findall(r"^\s*Example: (vpfx .*)$", app.commands[name].help, re.MULTILINE)
+    return re.findall(r"^\s*Example: (vpfx .*)$", commands()[name].help, re.MULTILINE)
 
 
 def test_examples_run(run):
     """The examples of all commands, one after the other, with a fixture as the elevation file they name."""
     shutil.copy(DTED, "n36.dt2")
-    for name in app.commands:
+    Path("places.txt").write_text("-107.62 36.37\n")
+    for name in commands():
         for example in examples(name):
             program, *arguments = shlex.split(example)
             outcome = run(*arguments)

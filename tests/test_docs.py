@@ -12,6 +12,7 @@ from pathlib import Path
 
 import click
 import pytest
+from test_cli import commands
 
 import vpfx
 from vpfx.cli import app
@@ -153,14 +154,6 @@ def test_readme_names_every_command():
 def test_readme_names_everything_public():
     readme = read(ROOT / "README.md")
     assert [name for name in vpfx.__all__ if not re.search(rf"\b{name}\b", readme)] == []
-
-
-def commands(group=app, prefix=""):
-    """Return every command by its name, those of groups by both."""
-    found = {}
-    for name, command in group.commands.items():
-        found |= commands(command, f"{name} ") if isinstance(command, click.Group) else {prefix + name: command}
-    return found
 
 
 def options():

@@ -135,7 +135,7 @@ def test_lines_come_into_the_crs_of_the_dem(tmp_path):
         one, other = (read_features(p, LOCAL, extent).lines[0] for p in (here, path))
         np.testing.assert_allclose(one[:, :2], other[:, :2], atol=1e-3)
     far = write(tmp_path / "far.geojson", [degrees], crs="EPSG:4326")
-    with pytest.raises(InputError, match="found none on the DEM"):
+    with pytest.raises(InputError, match="found no point, line or outline on the DEM"):
         read_features(far, LOCAL, Extent(400_000.0, 6_000_000.0, 401_000.0, 6_001_000.0))
 
 
@@ -153,7 +153,7 @@ def test_several_files_and_layers(tmp_path):
 
 def test_files_that_do_not_do_are_refused(tmp_path):
     no_crs = write(tmp_path / "a.shp", ["POINT (1 2)"], "ESRI Shapefile", crs=None)
-    with pytest.raises(FeatureFormatError, match="found no CRS, expected one"):
+    with pytest.raises(FeatureFormatError, match="found no CRS that is known, expected one"):
         read(no_crs)
     with pytest.raises(NotFoundError, match="there is no such file"):
         read(tmp_path / "none.shp")
@@ -167,7 +167,7 @@ def test_files_that_do_not_do_are_refused(tmp_path):
         read(packed)
     with pytest.raises(InputError, match="remote or virtual path"):
         read("/vsicurl/http://127.0.0.1:9/a.geojson")
-    with pytest.raises(InputError, match="found none on the DEM"):
+    with pytest.raises(InputError, match="found no point, line or outline on the DEM"):
         read(write(tmp_path / "far.geojson", ["POINT (99 99)"]))
     with pytest.raises(FeatureFormatError, match="GeometryCollection"):
         read(write(tmp_path / "mixed.gpkg", ["GEOMETRYCOLLECTION (POINT (1 1))"], "GPKG"))
@@ -267,6 +267,10 @@ def test_lines_are_edges_of_every_level(name, options):
     judge_edges_of_lines(h, grid, LINES[name])
 
 
+NOWHERE = ("ragged", "checkerboard", "almost all void", "one triangle", "void corner")
+"""Surfaces with no square away from voids."""
+
+
 @pytest.mark.parametrize("surface", SURFACES)
 def test_lines_on_every_surface(surface):
     """Clipped at the sides, and a square short of voids."""
@@ -274,7 +278,12 @@ def test_lines_on_every_surface(surface):
     x0, y0, x1, y1 = grid.extent
     across = [(x0 - (x1 - x0), y0 - (y1 - y0) / 3), (x1 + (x1 - x0), y1 + (y1 - y0) / 5)]
     for options in ({"passes": 2}, {"max_error": bounds_of(grid)}, {"passes": 1, "fill": True}):
-        h = build_hierarchy(grid, method=PYRAMID, lines=[across, [((x0 + x1) / 2, (y0 + y1) / 2)]], **options)
+        try:
+            h = build_hierarchy(grid, method=PYRAMID, lines=[across, [((x0 + x1) / 2, (y0 + y1) / 2)]], **options)
+        except InputError as error:
+            assert surface in NOWHERE, error  # noqa: PT017 (either outcome is right)
+            continue
+        assert surface not in NOWHERE
         judge_hierarchy(h, grid, is_nested=False)
     if surface in VOIDS:
         return
@@ -442,3 +451,54 @@ def test_lines_of_other_shapes_are_refused(lines):
 def test_options_without_a_file_are_refused(tmp_path):
     with pytest.raises(InputError, match="found use_z, but no file"):
         vpfx.build(CELL, tmp_path / "a.gpkg", passes=1, feature_options={"use_z": True})
+
+
+# --- what a second look found -----------------------------------------------------------------------------------------
+
+
+def test_features_are_not_overwritten(tmp_path):
+    own = write(tmp_path / "own.gpkg", ["LINESTRING (-107.65 36.35, -107.62 36.38)"], "GPKG", crs="EPSG:4269")
+    before = own.read_bytes()
+    with pytest.raises(InputError, match="which is one of the files read"):
+        vpfx.build(CELL, own, method=PYRAMID, max_error=(60,), features=own, overwrite=True)
+    assert own.read_bytes() == before
+
+
+def test_lines_without_heights_take_none_from_others():
+    grid = Grid(np.full((41, 41), 100.0))
+    lines = [[(5.5, 5.5, 500.0), (10.5, 10.5, 500.0)], [(25.5, 25.5), (30.5, 30.25)]]
+    h = build_hierarchy(grid, method=PYRAMID, passes=0, lines=lines)
+    at = {tuple(node[:2]): node[2] for node in h.nodes.tolist()}
+    assert (at[5.5, 5.5], at[25.5, 25.5], at[30.5, 30.25]) == (500.0, 100.0, 100.0)
+
+
+def test_heights_that_are_none_are_refused(tmp_path):
+    for z in ("1e300", "-3.4e38"):
+        path = write(tmp_path / "a.gpkg", [f"LINESTRING Z (1 2 5, 3 4 {z})"], "GPKG", layer=f"l{z[:2]}")
+        with pytest.raises(FeatureFormatError, match=r"vertex \(3, 4\): found z"):
+            read(path, use_z=True, layer=f"l{z[:2]}")
+        assert len(read(path, layer=f"l{z[:2]}").lines) == 1
+    with pytest.raises(InputError, match="lines: found an array"):
+        build_hierarchy(SOLID["noise"], method=PYRAMID, passes=1, lines=[[(1, 1, np.inf)]])
+
+
+def test_heights_in_feet_become_metres(tmp_path):
+    path = write(tmp_path / "a.gpkg", ["LINESTRING Z (1 2 100, 3 4 200)"], "GPKG", crs="EPSG:32613+6360")
+    z = read(path, use_z=True).lines[0][:, 2]
+    np.testing.assert_allclose(z, [100 * 1200 / 3937, 200 * 1200 / 3937])
+
+
+def test_every_file_has_to_give_something(tmp_path):
+    near = write(tmp_path / "near.geojson", ["POINT (3 3)"])
+    beside = write(tmp_path / "beside.geojson", ["POINT (10.05 3)"])
+    with pytest.raises(InputError, match=r"beside.geojson: found no point, line or outline on the DEM"):
+        read([near, beside])
+    with pytest.raises(InputError, match="none on ground with data"):
+        build_hierarchy(VOIDS["ring with island"], method=PYRAMID, passes=1, lines=[[(8, 4.0), (8.5, 4.5)]])
+
+
+def test_a_crs_that_nobody_knows_is_refused(tmp_path):
+    path = write(tmp_path / "a.geojson", ["POINT (3 3)"])
+    path.write_text(path.read_text().replace("EPSG::32613", "EPSG::999999"))
+    with pytest.raises(FeatureFormatError, match="found no CRS that is known"):
+        read(path)

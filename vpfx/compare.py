@@ -101,7 +101,10 @@ def compare(grid: Grid, methods: Sequence[str] = (), /, lines: Sequence[Any] = (
     ['ternary', 'quaternary selective', 'quaternary total']
     """
     found = []
-    for part in choose_methods(grid, methods, options)[0]:
+    chosen = choose_methods(grid, methods, options)[0]
+    if len(lines) and not any(takes_features(part, options) for part in chosen):
+        raise InputError("compare: found lines, but no method that makes something of them; leave them out")
+    for part in chosen:
         own = {name: value for name, value in options.items() if name in part.defaults}
         own_lines = lines if takes_features(part, own) else ()
         for variant, of_variant in part.variants.items():

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 import warnings
 from collections.abc import Sequence
 from typing import Any, NamedTuple
@@ -14,9 +15,10 @@ import shapely
 import shapely.errors
 from numpy.typing import NDArray
 from pyproj import CRS, Transformer
-from pyproj.exceptions import ProjError
+from pyproj.exceptions import CRSError, ProjError
 
 from vpfx.dem.paths import Source, gdal_name, source_of
+from vpfx.dem.reference import split_crs
 from vpfx.errors import DemFormatError, FeatureFormatError, InputError
 from vpfx.model import Extent
 
@@ -31,7 +33,10 @@ FORMATS = {"GPKG": b"SQLite format 3\0", "ESRI Shapefile": b"\0\0\x27\x0a", "Fla
 MARGIN = 0.01
 """Of the DEM's size: so much beyond it lines are read, so that what is cut off later is cut in the DEM's CRS."""
 
+GEOJSON_HEAD = 1 << 16  # bytes in which a CRS is looked for
+WANTED_CRS = "expected one; write it into the file, or a .prj beside it"
 MOST_VERTICES = 1 << 26
+MOST_HEIGHT = 1e5  # metres
 LINES = [shapely.GeometryType[kind] for kind in ("POINT", "MULTIPOINT", "LINESTRING", "LINEARRING", "MULTILINESTRING")]
 AREAS = [shapely.GeometryType[kind] for kind in ("POLYGON", "MULTIPOLYGON")]
 
@@ -103,37 +108,65 @@ def read_features(paths: Paths, crs: str, extent: Extent, *, layer: str | None =
                 name, "", "found a directory, a device or an archive, expected a file; unpack it first"
             )
         found, driver = _read_file(name, full, CRS.from_user_input(crs), extent, layer)
+        on_dem = shapely.box(*extent)
+        if not any(on_dem.intersects(shapely.linestrings(np.vstack([line, line[-1:]])[:, :2])) for line in found):
+            message = f"found no point, line or outline on the DEM, expected some within {tuple(extent)}"
+            raise InputError(f"{name}: {message}; leave the file out")
+        _check_heights(name, found, use_z)
         lines += found
         sources.append(source_of(name, driver))
-    if not lines:
-        raise InputError(f"features: found none on the DEM in {', '.join(names)}, expected some within {tuple(extent)}")
-    if not use_z:
-        for line in lines:
-            line[:, 2] = np.nan
     return Features(tuple(lines), tuple(sources))
+
+
+def _check_heights(name: str, lines: list[Floats], use_z: bool) -> None:
+    """Take z away if it is not asked for, and refuse what is no height."""
+    for line in lines:
+        if not use_z:
+            line[:, 2] = np.nan
+        wrong = np.abs(line[:, 2]) > MOST_HEIGHT  # never for NaN
+        if wrong.any():
+            x, y, z = line[wrong][0]
+            message = f"found z = {z:g} m, expected at most {MOST_HEIGHT:g} m; mend the file, or leave z out"
+            raise FeatureFormatError(name, f"vertex ({x:.10g}, {y:.10g})", message)
 
 
 def _read_file(name: str, full: str, crs: CRS, extent: Extent, layer: str | None) -> tuple[list[Floats], str]:
     """Read one file; return its lines, and the format."""
     driver = _format_of(name, full)
+    if driver == "GeoJSON":
+        _check_member(name, full)
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # GDAL's, of files that can be read all the same
             layers = pyogrio.list_layers(full)[:, 0].tolist()
             _check_layer(name, layers, layer)
             information = pyogrio.read_info(full, layer=layer)
+            if information["geometry_type"] is None:
+                raise FeatureFormatError(name, "", "found a table without geometry, expected points, lines or areas")
             if not information["crs"]:
-                raise FeatureFormatError(
-                    name, "", "found no CRS, expected one; write it into the file, or a .prj beside it"
-                )
-            to_dem = Transformer.from_crs(CRS.from_user_input(information["crs"]), crs, always_xy=True)
+                raise FeatureFormatError(name, "", f"found no CRS that is known, {WANTED_CRS}")
+            horizontal, unit = _split(name, information["crs"])
+            to_dem = Transformer.from_crs(horizontal, crs, always_xy=True)
             near = _bounds_near(name, to_dem, extent)
             _, _, geometries, _ = pyogrio.raw.read(full, layer=layer, columns=[], bbox=near)
-            return _to_lines(name, shapely.from_wkb(geometries), to_dem, near), driver
+            lines = _to_lines(name, shapely.from_wkb(geometries), to_dem, near)
+            for line in lines:
+                line[:, 2] *= unit
+            return lines, driver
     except (pyogrio.errors.DataSourceError, pyogrio.errors.DataLayerError, pyogrio.errors.GeometryError,
             pyogrio.errors.FeatureError, shapely.errors.ShapelyError, ProjError, UnicodeDecodeError) as error:  # fmt: skip
         reason = " ".join(str(error).split())
         raise FeatureFormatError(name, "", f"cannot be read as lines or areas: {reason}") from error
+
+
+def _split(name: str, crs: str) -> tuple[CRS, float]:
+    """Horizontal CRS of a file, and its unit of z in metres; metres if it states none."""
+    horizontal, vertical = split_crs(CRS.from_user_input(crs).to_wkt())
+    if horizontal is None or (vertical is not None and vertical.is_depth):
+        raise FeatureFormatError(
+            name, "CRS", "found depths, or no horizontal part, expected places with or without heights"
+        )
+    return horizontal, vertical.unit.metres if vertical is not None else 1.0
 
 
 def _format_of(name: str, full: str) -> str:
@@ -149,6 +182,17 @@ def _format_of(name: str, full: str) -> str:
     raise FeatureFormatError(name, "", f"found another format, or a broken file; expected {', '.join(FORMATS)}")
 
 
+def _check_member(name: str, full: str) -> None:
+    """Refuse a GeoJSON file that names a CRS nobody knows: GDAL takes it for WGS 84."""
+    with open(full, "rb") as file:
+        head = file.read(GEOJSON_HEAD).decode("utf-8", "replace")
+    named = re.search(r'"crs"\s*:\s*\{[^}]*"name"\s*:\s*"([^"]+)"', head)
+    try:
+        CRS.from_user_input(named[1] if named else "EPSG:4326")
+    except CRSError as error:
+        raise FeatureFormatError(name, "crs", f"found no CRS that is known, {WANTED_CRS}") from error
+
+
 def _check_layer(name: str, layers: list[str], layer: str | None) -> None:
     """Refuse a layer that is not there, and a choice that is not made."""
     if layer is None and len(layers) != 1:
@@ -162,7 +206,10 @@ def _bounds_near(name: str, to_dem: Transformer, extent: Extent) -> tuple[float,
     wide, high = MARGIN * (extent.max_x - extent.min_x), MARGIN * (extent.max_y - extent.min_y)
     bounds = extent.min_x - wide, extent.min_y - high, extent.max_x + wide, extent.max_y + high
     near = to_dem.transform_bounds(*bounds, densify_pts=21, direction="INVERSE")
-    if not np.isfinite(near).all() or near[0] > near[2]:
+    if np.isfinite(near).all() and near[0] > near[2]:
+        message = "found one in which the DEM crosses the antimeridian; bring the file into the CRS of the DEM first"
+        raise FeatureFormatError(name, "CRS", message)
+    if not np.isfinite(near).all():
         raise FeatureFormatError(
             name, "CRS", "found one that does not reach the DEM, expected another; reproject the file"
         )
@@ -212,7 +259,8 @@ def lines_in_posts(lines: Sequence[Any], x0: float, y0: float, dx: float, dy: fl
     found = []
     for line in lines:
         vertices = np.asarray(line, np.float64)
-        if vertices.ndim != 2 or vertices.shape[1] not in (2, 3) or not np.isfinite(vertices[:, :2]).all():
+        is_plain = vertices.ndim == 2 and vertices.shape[1] in (2, 3) and len(vertices) > 0
+        if not is_plain or not np.isfinite(vertices[:, :2]).all() or (np.abs(vertices[:, 2:]) > MOST_HEIGHT).any():
             raise InputError(f"lines: found an array of shape {vertices.shape}, expected (n, 2 or 3) finite numbers")
         z = vertices[:, 2] if vertices.shape[1] == 3 else np.full(len(vertices), np.nan)
         found.append(np.column_stack([(vertices[:, 0] - x0) / dx, (vertices[:, 1] - y0) / dy, z]))

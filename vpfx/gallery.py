@@ -13,10 +13,13 @@ from vpfx.model import Grid
 from vpfx.pipeline import build_hierarchy
 from vpfx.plot import draw_tin, picture
 
-__all__ = ["Curve", "draw_curves", "draw_methods", "greedy_curve"]
+__all__ = ["STYLES", "Curve", "draw_curves", "draw_methods", "greedy_curve"]
 
 Curve = Sequence[tuple[int, float, float]]
 """Faces, greatest error and RMSE, metres, of some levels."""
+
+STYLES = ("plan", "wireframe", "shaded", "relief", "slope", "level")
+"""Of `vpfx.plot`, those that need nothing but the level."""
 
 N_COLUMN = 4
 SIZE = 3.6, 3.4  # of one drawing, inches
@@ -107,10 +110,12 @@ def draw_curves(
                     color=f"C{n % 10}",
                     label=title,
                 )
-            axis.set(xscale="log", yscale="log", xlabel="faces", ylabel=ERRORS[i - 1])
-            axis.yaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
-            axis.yaxis.set_major_formatter("{x:g}")
-            axis.yaxis.set_minor_formatter(NullFormatter())
+            has_errors = any(max(line.get_ydata()) > 0.0 for line in axis.get_lines())
+            axis.set(xscale="log", yscale="log" if has_errors else "linear", xlabel="faces", ylabel=ERRORS[i - 1])
+            if has_errors:
+                axis.yaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+                axis.yaxis.set_major_formatter("{x:g}")
+                axis.yaxis.set_minor_formatter(NullFormatter())
             axis.grid(visible=True, which="both", alpha=0.3)
         handles, labels = axes[0, 0].get_legend_handles_labels()
         figure.legend(handles, labels, loc="outside lower center", ncols=4, fontsize=8)

@@ -46,6 +46,7 @@ NORMAL = 19.78
 VERTEX_BISECTIONS, EDGE_BISECTIONS = np.array([1, 1, 0, 3, 3]), np.array([1, 2, 3, 0, 1])
 """Of each kind of cut, as `vpfx.model.CUTS`. Source: paper-facts §4."""
 
+NO_POST = "measure: found no valid post under the faces, expected some; is it the right DEM?"
 ANGLES = (5, 50)
 """Percentiles of the smallest angles that are told."""
 
@@ -203,7 +204,7 @@ def measure_accuracy(tin: Tin, grid: Grid) -> Accuracy:
     find_worst(faces, _to_posts(tin, grid), tin.face_nodes, grid.heights, error)
     error = error[~np.isnan(error)]
     if len(error) == 0:
-        raise InputError("measure: found no valid post under the faces, expected some; is it the right DEM?")
+        raise InputError(NO_POST)
     size = np.abs(error)
     rmse = float(np.sqrt(np.mean(error * error)))
     return Accuracy(float(size.max()), rmse, float(np.percentile(size, 99)), float(error.mean()), len(error))
@@ -216,8 +217,18 @@ def _to_posts(tin: Tin, grid: Grid) -> Floats:
 
 
 def face_errors(tin: Tin, grid: Grid) -> Floats:
-    """Greatest vertical error at the valid posts in or on each face, metres, (n_face,); 0 for faces without any."""
-    return scan_mesh(_to_posts(tin, grid), tin.face_nodes, grid.heights, np.empty(grid.heights.shape))[0]
+    """Greatest vertical error at the valid posts in or on each face, metres, (n_face,); 0 for faces without any.
+
+    Raises
+    ------
+    InputError
+        No face has a valid post.
+    """
+    residual = np.full(grid.heights.shape, np.nan)
+    error, _ = scan_mesh(_to_posts(tin, grid), tin.face_nodes, grid.heights, residual)
+    if np.isnan(residual).all():
+        raise InputError(NO_POST)
+    return error
 
 
 def measure_step(coarse: Tin, fine: Tin, links: NDArray[np.integer], rise: Floats, tolerance: float = 0.0) -> Step:
@@ -295,7 +306,7 @@ def measure_hierarchy(hierarchy: Hierarchy, grid: Grid, tolerance: float = 0.0) 
 
 
 def measure_store(store: Store, levels: Sequence[int] = (), grid: Grid | None = None) -> list[LevelMeasures]:
-    """Measure levels of a store.
+    """Measure levels of a store; a point is significant by the tolerance it was built with.
 
     Parameters
     ----------
@@ -309,10 +320,6 @@ def measure_store(store: Store, levels: Sequence[int] = (), grid: Grid | None = 
     ------
     InputError, NotFoundError
         There is no such level, or a level covers no valid post.
-
-    Notes
-    -----
-    A point is significant if it is off by more than the tolerance that the store was built with. Memory: two levels.
     """
     found = []
     metres, cuts = unit_metres(store.crs, store.extent), store.cuts

@@ -145,9 +145,11 @@ def build(
         raise InputError(f"features: found {', '.join(sorted(feature_options))}, but no file; give features")
     check_target(Path(output), overwrite)
     with open_dem(paths, **(dem_options or {})) as dem:
-        if Path(output).exists() and any(os.path.samefile(source.path, output) for source in dem.sources):
-            raise InputError(f"output: found {output}, which is one of the elevation files; give another name")
         found = read_features(features, dem.crs, dem.extent, **(feature_options or {})) if features else NO_FEATURES
+        if Path(output).exists() and any(
+            os.path.samefile(source.path, output) for source in (*dem.sources, *found.sources)
+        ):
+            raise InputError(f"output: found {output}, which is one of the files read; give another name")
         lines = lines_in_posts(found.lines, dem.x0, dem.y0, dem.dx, dem.dy)
         if budgets is not None:
             chosen["max_error"] = _fit_budget(dem, part, chosen, budgets, tile_size, n_worker, fill, seed, lines)
@@ -161,7 +163,8 @@ def build(
                     progress(tile.number + 1, tiling.n_tile)
             _check_ground(reader.ground, fill)
             bounds = list(chosen["max_error"]) if chosen.get("max_error") is not None else [None] * tiling.n_level
-            given = {"max_faces": budgets, "features": [source.name for source in found.sources] or None}
+            names = [source.name for source in found.sources] or None
+            given = {"max_faces": budgets, "features": names, "feature_options": dict(feature_options or {}) or None}
             metadata = _metadata(dem, part, chosen | given, tiling.tile_size, fill, seed, reader.ground)
             every = sorted((*dem.sources, *found.sources), key=lambda source: source.name)
             sources = [(source.name, source.sha256, source.n_byte, source.driver) for source in every]
@@ -291,7 +294,8 @@ def _fit_budget(
         least = n_face(bounds, True) if bounds else n_face([coarse], has_more)
         if least > budget:
             raise InputError(
-                f"max_faces: found a budget of {budget}, expected at least {least}, the start grid; use --grid"
+                f"max_faces: found a budget of {budget}, expected at least {least}, the start mesh"
+                f"{' with its lines' if lines else '; use --grid'}"
             )
         while coarse > fine * (1.0 + BUDGET_SHARE):
             middle = (coarse * fine) ** 0.5

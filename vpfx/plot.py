@@ -138,7 +138,10 @@ def _quantity(tin: Tin, nodes: Floats, style: str, values: Floats | None) -> Flo
     if style in ("error", "attribute"):
         if values is None or len(values) != tin.n_face:
             raise InputError(f"plot: found no value for each face, which style {style} needs")
-        return np.asarray(values, np.float64)
+        numbers = np.asarray(values, np.float64)
+        if np.isnan(numbers).all():
+            raise InputError("plot: found no number among the values of the faces, expected some")
+        return numbers
     return np.asarray(found[style](), np.float64) if style in found else None
 
 
@@ -329,6 +332,8 @@ def check_picture(path: Path, overwrite: bool) -> None:
         raise InputError(f"{path}: found suffix {path.suffix!r}, expected .png, .pdf or .svg")
     if path.exists() and not overwrite:
         raise StoreError(f"{path}: found an existing file; give another name or --overwrite")
+    if not path.absolute().parent.is_dir():
+        raise StoreError(f"{path}: found no folder {path.parent}, expected one to write into")
 
 
 @contextmanager

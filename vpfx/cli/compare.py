@@ -61,11 +61,20 @@ def compare(dem: tuple[str, ...], methods: str, form: str, level: int | None, **
     for name in ("draw", "curves"):
         if given.pop(name, None):
             check_picture(Path(values[name]), values["overwrite"])
+    if values["draw"] and values["draw"] == values["curves"]:
+        raise InputError(f"--curves: found {values['curves']}, which is the picture of --draw; give another name")
+    if values["style"] not in gallery.STYLES:
+        raise InputError(f"--style: found {values['style']!r}, expected one of: {', '.join(gallery.STYLES)}")
     for name in ("style", "overwrite"):
         given.pop(name, None)
     if not {"max_error", "passes"} & set(given):
         given["passes"] = PASSES
     bbox, features, how = given.pop("bbox", None), given.pop("features", ()), feature_options(given)
+    if how and not features:
+        raise InputError("--features: found none, but options of it; give a file")
+    last = len(given["max_error"]) - 1 if given.get("max_error") else given["passes"]
+    if level is not None and not 0 <= level <= last:
+        raise InputError(f"--level: found {level}, expected 0 … {last}")
     grid = read_grid(dem, bbox=bbox)
     lines = read_features(features, grid.crs, grid.extent, **how).lines if features else ()
     names = () if methods == "all" else methods.split(",")
@@ -73,9 +82,6 @@ def compare(dem: tuple[str, ...], methods: str, form: str, level: int | None, **
     left_out = ", ".join(part.name for part in comparing.choose_methods(grid, names, given)[1])
     if left_out:
         print(f"vpfx: left out, as they keep no bound or follow no voids: {left_out}", file=sys.stderr)
-    last = len(found[0].levels) - 1
-    if level is not None and not 0 <= level <= last:
-        raise InputError(f"--level: found {level}, expected 0 … {last}")
     shown = last if level is None else level
     if values["draw"]:
         metres = unit_metres(grid.crs, grid.extent)

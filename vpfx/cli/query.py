@@ -33,7 +33,7 @@ def at(store: Path, level: int | None, points: str, as_json: bool) -> None:
 
     Prints x, y, z, face, slope and aspect, a line each place; a dash where there is no face.
 
-    Example: echo -107.62 36.37 | vpfx query at n36.gpkg --level 1 --points -
+    Example: vpfx query at n36.gpkg --level 1 --points places.txt
     """
     from vpfx.query.location import locate
     from vpfx.store.store import open_store
@@ -68,7 +68,7 @@ def profile(store: Path, level: int | None, line: str, as_json: bool) -> None:
 
     Prints face, distance in, distance out (CRS units), height in and height out (metres), a line each face.
 
-    Example: vpfx query profile n36.gpkg --line -107.66,36.35,-107.60,36.40
+    Example: vpfx query profile n36.gpkg --line=-107.66,36.35,-107.60,36.40
     """
     from vpfx.query.lines import profile as follow
     from vpfx.store.store import open_store

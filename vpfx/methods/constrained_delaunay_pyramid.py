@@ -9,6 +9,7 @@ from collections.abc import Mapping
 from functools import partial
 from typing import Any
 
+from vpfx.errors import InputError
 from vpfx.methods import options as shared
 from vpfx.methods.base import Method, Patch
 from vpfx.methods.lines import node_lines
@@ -19,8 +20,17 @@ __all__ = ["METHOD", "build"]
 
 
 def build(patch: Patch, options: Mapping[str, Any]) -> Hierarchy:
-    """Build all levels over one patch."""
-    return build_pyramid(patch, options, node_lines(patch))
+    """Build all levels over one patch.
+
+    Raises
+    ------
+    InputError
+        There are lines, but none on ground with data.
+    """
+    lines = node_lines(patch)
+    if patch.lines and len(lines.nodes) == 0:
+        raise InputError("features: found none on ground with data, expected some; a square beside a void has none")
+    return build_pyramid(patch, options, lines)
 
 
 METHOD = Method(

@@ -69,12 +69,14 @@ def node_lines(patch: Patch) -> Lines:
     if not patch.lines:
         return NO_LINES
     ground = _ground(patch)
-    lines = [shapely.linestrings(line) for line in patch.lines if len(line) > 1]
+    given = _with_heights(patch)
+    is_point = [bool((line[:, :2] == line[0, :2]).all()) for line in given]
+    lines = [shapely.linestrings(line) for line, is_one in zip(given, is_point, strict=True) if not is_one]
     clipped = shapely.intersection(shapely.union_all(lines, grid_size=STEP), ground, grid_size=STEP)
     pieces = shapely.get_parts(shapely.union_all([clipped], grid_size=STEP))
     pieces = pieces[shapely.get_type_id(pieces) == shapely.GeometryType.LINESTRING]
     vertex, piece = shapely.get_coordinates(pieces, include_z=True, return_index=True)
-    points = np.array([line[0] for line in patch.lines if len(line) == 1]).reshape(-1, 3)
+    points = np.array([line[0, :3] for line, is_one in zip(given, is_point, strict=True) if is_one]).reshape(-1, 3)
     points[:, :2] = np.round(points[:, :2] / STEP) * STEP
     points = points[shapely.intersects_xy(ground, points[:, :2])]
     vertices = np.concatenate([vertex, points])
@@ -83,9 +85,23 @@ def node_lines(patch: Patch) -> Lines:
     edges = np.sort(np.stack([node.ravel()[follows], node.ravel()[follows + 1]], axis=1), axis=1)
     surface = heights_at(patch.heights, *places.T.copy())
     height = vertices[first, 2]
-    lines_ = Lines(np.column_stack([places, height]), np.unique(edges, axis=0).astype(np.int32))
-    lines_.nodes[:, 2] = np.where(np.isnan(height) | lines_.is_post, surface, height)
-    return lines_
+    found = Lines(np.column_stack([places, height]), np.unique(edges, axis=0).astype(np.int32))
+    found.nodes[:, 2] = np.where(np.isnan(height) | found.is_post, surface, height)
+    return found
+
+
+def _with_heights(patch: Patch) -> list[NDArray[np.float64]]:
+    """Lines with the heights of the posts' surface where they have none, if any has its own; else without.
+
+    GEOS would make up what is missing from other lines.
+    """
+    if all(np.isnan(line[:, 2]).all() for line in patch.lines):
+        return [line if (line[:, :2] == line[0, :2]).all() else line[:, :2] for line in patch.lines]
+    filled = []
+    for line in patch.lines:
+        surface = heights_at(patch.heights, *np.ascontiguousarray(line[:, :2].T))
+        filled.append(np.column_stack([line[:, :2], np.where(np.isnan(line[:, 2]), surface, line[:, 2])]))
+    return filled
 
 
 def _ground(patch: Patch) -> shapely.Geometry:
