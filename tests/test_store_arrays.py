@@ -92,6 +92,28 @@ def test_levels_are_those_of_sql(stores):
                 np.testing.assert_array_equal(tin.nodes[tin.face_nodes[order]].reshape(-1, 9), expected[:, 1:])
 
 
+def test_parts_of_levels_are_those_of_the_whole(stores):
+    """The faces whose bounding boxes touch a rectangle, with all their attributes."""
+    rng = np.random.default_rng(5)
+    for path in stores:
+        with vpfx.open_store(path) as store:
+            x0, y0, x1, y1 = store.extent
+            for level in range(len(store.levels)):
+                whole = store.tin(level)
+                corner = whole.nodes[whole.face_nodes, :2]
+                for _ in range(4):
+                    box = np.sort(rng.uniform((x0, y0), (x1, y1), (2, 2)), axis=0)
+                    touches = (corner.min(axis=1) <= box[1]).all(axis=1) & (corner.max(axis=1) >= box[0]).all(axis=1)
+                    part = store.tin(level, box.ravel())
+                    np.testing.assert_array_equal(
+                        part.face_attributes["face_id"], whole.face_attributes["face_id"][touches]
+                    )
+                    np.testing.assert_array_equal(part.nodes[part.face_nodes], whole.nodes[whole.face_nodes[touches]])
+                    for name in ("node_id", "level", "z_parent"):
+                        one, other = part.node_attributes[name], whole.node_attributes[name]
+                        np.testing.assert_array_equal(one[part.face_nodes], other[whole.face_nodes[touches]])
+
+
 def test_values_of_every_kind_are_read(tmp_path, stores):
     """Whole numbers of every width, reals that are whole, NULL."""
     path = tmp_path / "a.gpkg"

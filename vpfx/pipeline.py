@@ -294,8 +294,8 @@ def _fit_budget(
         least = n_face(bounds, True) if bounds else n_face([coarse], has_more)
         if least > budget:
             raise InputError(
-                f"max_faces: found a budget of {budget}, expected at least {least}, the start mesh"
-                f"{' with its lines' if lines else '; use --grid'}"
+                f"max_faces: found a budget of {budget}, expected at least {least}, "
+                f"the start {'mesh with its lines' if lines else 'grid; use --grid'}"
             )
         while coarse > fine * (1.0 + BUDGET_SHARE):
             middle = (coarse * fine) ** 0.5

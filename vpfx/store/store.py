@@ -323,7 +323,7 @@ class Store:
             "face_id": faces["face_id"], "tile_id": faces["tile_id"], "is_filled": faces["is_filled"].astype(bool),
             "slope": faces["slope_centidegrees"] / 100.0, "aspect": np.where(aspect == NONE_ID, np.nan, aspect / 100.0),
         }  # fmt: skip
-        known = {"node_id": node_ids, "level": nodes["level"].astype(np.int32), "z_parent": nodes["z_parent"]}
+        known = {"node_id": nodes["node_id"], "level": nodes["level"].astype(np.int32), "z_parent": nodes["z_parent"]}
         return Tin(nodes["xyz"], face_nodes.astype(np.int32), attributes, known, crs=self.crs)
 
     def tile_faces(self, level: int, tile_id: int) -> dict[str, NDArray[Any]]:
