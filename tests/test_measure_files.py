@@ -113,6 +113,7 @@ def test_mesh_files_that_do_not_do_are_refused(tmp_path):
         read_mesh(nothing)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("suffix", SUFFIXES)
 def test_broken_mesh_files_give_one_clear_error(suffix, tmp_path):
     path = tmp_path / f"a{suffix}"
@@ -202,6 +203,7 @@ def test_methods_that_cannot_are_left_out():
         names(void, ["quadtree"], passes=1)
 
 
+@pytest.mark.slow
 def test_pictures_of_a_comparison(tmp_path):
     grid = dataclasses.replace(SOLID["cone"])
     found = compare(grid, passes=2, grid=(3, 2), lines=[[(3.5, 3.5), (9.5, 12.5)]])

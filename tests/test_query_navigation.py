@@ -129,7 +129,7 @@ def test_rings_are_in_order(world):
                     assert {*ends[edges[j]], *ends[following]} <= set(tables.corners[face])
 
 
-@pytest.mark.parametrize("k", [0, 1, 3, 100])
+@pytest.mark.parametrize("k", [0, 1, 3, pytest.param(100, marks=pytest.mark.slow)])
 @pytest.mark.parametrize("over", ["edge", "node"])
 def test_k_rings(k, over, world):
     store, tables = world

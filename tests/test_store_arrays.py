@@ -189,6 +189,7 @@ def test_a_locked_store_is_told(tmp_path, stores):
         assert len(reader.rows("face", 1, 10)["face_id"]) == 10
 
 
+@pytest.mark.slow
 def test_broken_pages_are_not_followed(tmp_path, stores):
     """Single bytes changed, and whole pages; each table is read whole."""
     whole, rng = bytearray(Path(stores[1]).read_bytes()), np.random.default_rng(6)
