@@ -6,6 +6,7 @@ import os
 import re
 import warnings
 from collections.abc import Sequence
+from contextlib import suppress
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -99,15 +100,7 @@ def read_features(paths: Paths, crs: str, extent: Extent, *, layer: str | None =
     lines: list[Floats] = []
     sources = []
     for name in names:
-        try:
-            full = gdal_name(name)
-        except DemFormatError:
-            full = "/vsi"
-        if full.startswith("/vsi"):
-            raise FeatureFormatError(
-                name, "", "found a directory, a device or an archive, expected a file; unpack it first"
-            )
-        found, driver = _read_file(name, full, CRS.from_user_input(crs), extent, layer)
+        found, driver = _read_file(name, _plain_file(name), CRS.from_user_input(crs), extent, layer)
         on_dem = shapely.box(*extent)
         if not any(on_dem.intersects(shapely.linestrings(np.vstack([line, line[-1:]])[:, :2])) for line in found):
             message = f"found no point, line or outline on the DEM, expected some within {tuple(extent)}"
@@ -116,6 +109,15 @@ def read_features(paths: Paths, crs: str, extent: Extent, *, layer: str | None =
         lines += found
         sources.append(source_of(name, driver))
     return Features(tuple(lines), tuple(sources))
+
+
+def _plain_file(name: str) -> str:
+    """Full name of a local file that is neither packed nor a directory."""
+    with suppress(DemFormatError):
+        full = gdal_name(name)
+        if not full.startswith("/vsi"):
+            return full
+    raise FeatureFormatError(name, "", "found a directory, a device or an archive, expected a file; unpack it first")
 
 
 def _check_heights(name: str, lines: list[Floats], use_z: bool) -> None:

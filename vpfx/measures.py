@@ -299,9 +299,7 @@ def measure_hierarchy(hierarchy: Hierarchy, grid: Grid, tolerance: float = 0.0) 
             is_new = hierarchy.node_level[: tin.n_node] == level
             rise = np.where(is_new, tin.nodes[:, 2] - hierarchy.node_z_parent[: tin.n_node], np.nan)
             step = measure_step(hierarchy.tin(level - 1), tin, hierarchy.links[level - 1], rise, tolerance)
-        streaks = streakiness(hierarchy.cuts[: level + 1].sum(axis=0))
-        shape, accuracy = measure_shape(tin, metres), measure_accuracy(tin, grid)
-        found.append(LevelMeasures(level, tin.n_node, tin.n_face, shape, accuracy, streaks, step))
+        found.append(_measure_level(level, tin, metres, grid, hierarchy.cuts, step))
     return found
 
 
@@ -332,9 +330,7 @@ def measure_store(store: Store, levels: Sequence[int] = (), grid: Grid | None = 
             is_new = tin.node_attributes["level"] == level
             rise = np.where(is_new, tin.nodes[:, 2] - tin.node_attributes["z_parent"], np.nan)
             step = measure_step(coarse, tin, np.stack(pairs, axis=1), rise, tolerance)
-        accuracy = measure_accuracy(tin, grid) if grid is not None else None
-        streaks = streakiness(cuts[: level + 1].sum(axis=0))
-        found.append(LevelMeasures(level, tin.n_node, tin.n_face, measure_shape(tin, metres), accuracy, streaks, step))
+        found.append(_measure_level(level, tin, metres, grid, cuts, step))
     return found
 
 
@@ -355,8 +351,16 @@ def measure_mesh(tin: Tin, metres: tuple[float, float] = (1.0, 1.0), grid: Grid 
     >>> measure_mesh(square, grid=Grid(np.full((2, 2), 3.0))).accuracy.max_error
     3.0
     """
+    return _measure_level(0, tin, metres, grid, np.zeros((1, len(CUTS)), np.int64), None)
+
+
+def _measure_level(
+    level: int, tin: Tin, metres: tuple[float, float], grid: Grid | None, cuts: NDArray[np.int64], step: Step | None
+) -> LevelMeasures:
+    """Put the measures of a level together; cuts are those of all levels."""
     accuracy = measure_accuracy(tin, grid) if grid is not None else None
-    return LevelMeasures(0, tin.n_node, tin.n_face, measure_shape(tin, metres), accuracy, float("nan"), None)
+    streaks = streakiness(cuts[: level + 1].sum(axis=0))
+    return LevelMeasures(level, tin.n_node, tin.n_face, measure_shape(tin, metres), accuracy, streaks, step)
 
 
 def cut_equilateral(kind: str) -> Floats:

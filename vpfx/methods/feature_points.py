@@ -14,7 +14,7 @@ from vpfx.methods.ground import is_covered
 from vpfx.methods.scan import Candidates, ScanRule, heights_at
 from vpfx.topology import NONE
 
-__all__ = ["FeaturePoints"]
+__all__ = ["FeaturePoints", "best_of"]
 
 Faces = NDArray[np.int32]
 Sides = NDArray[np.int64]
@@ -93,7 +93,7 @@ class FeaturePoints:
         length, area = self._sides(corner)
         is_inner = (share >= rule.inner_share).all(axis=1)
         is_inner &= (share * area[:, None] * self._aspect >= rule.inner_away * length).all(axis=1)
-        chosen = _best_of(face, error, is_inner & (error > tolerance))
+        chosen = best_of(face, error, is_inner & (error > tolerance))
         slot = found.slot[face[chosen]]
         post = found.inner_post[slot]
         is_better = (post == NONE) | (error[chosen] > residual.ravel()[post])
@@ -124,7 +124,7 @@ class FeaturePoints:
         twin = forest.side_twin[side].astype(np.int64)
         side = np.where((twin != NONE) & (twin < side), twin, side)
         is_break = (distance <= BAND) & (at >= least) & (at <= 1.0 - least) & (error > tolerance)
-        chosen = _best_of(side, error, is_break & (forest.side_state[side] == OPEN))
+        chosen = best_of(side, error, is_break & (forest.side_state[side] == OPEN))
         return side[chosen], np.column_stack([foot[chosen, :2], places[chosen, 2]])
 
     def _sides(self, corner: Floats) -> tuple[Floats, Floats]:
@@ -134,10 +134,14 @@ class FeaturePoints:
         return np.hypot(across[..., 0] * self._aspect, across[..., 1]), b[:, 0] * c[:, 1] - b[:, 1] * c[:, 0]
 
 
-def _best_of(group: NDArray[np.int64], error: Floats, is_wanted: NDArray[np.bool_]) -> NDArray[np.int64]:
-    """Index of the greatest error among the wanted of each group; of equals the first."""
-    wanted = np.flatnonzero(is_wanted)
+def best_of(group: NDArray[np.integer], error: Floats, is_wanted: NDArray[np.bool_] | None = None) -> NDArray[np.int64]:
+    """Index of the greatest error among the wanted of each group, groups ascending; of equals the first.
+
+    Examples
+    --------
+    >>> best_of(np.array([7, 2, 7, 2]), np.array([1.0, 5.0, 3.0, 5.0]))
+    array([1, 2])
+    """
+    wanted = np.arange(len(group)) if is_wanted is None else np.flatnonzero(is_wanted)
     order = wanted[np.lexsort((wanted, -error[wanted], group[wanted]))]
-    is_first = np.ones(len(order), bool)
-    is_first[1:] = group[order][1:] != group[order][:-1]
-    return order[is_first]
+    return order[np.unique(group[order], return_index=True)[1]]

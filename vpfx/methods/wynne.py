@@ -22,7 +22,7 @@ from vpfx.methods import breaks
 from vpfx.methods import options as shared
 from vpfx.methods.base import Method, Patch
 from vpfx.methods.borders import LevelRule
-from vpfx.methods.feature_points import FeaturePoints
+from vpfx.methods.feature_points import FeaturePoints, best_of
 from vpfx.methods.fit import FitRule, fit_heights
 from vpfx.methods.refine import (
     BOUND_SLACK,
@@ -95,8 +95,7 @@ class _Mesh(Refinement):
         start, end = nodes[face_nodes[sides // 3, sides % 3]], nodes[face_nodes[sides // 3, (sides + 1) % 3]]
         along = (((places - start) * (end - start))[:, :2]).sum(axis=1) / ((end - start)[:, :2] ** 2).sum(axis=1)
         rise = np.abs(places[:, 2] - (start[:, 2] + along * (end[:, 2] - start[:, 2])))
-        order = np.lexsort((np.arange(len(sides)), -rise, sides))
-        kept = order[np.unique(sides[order], return_index=True)[1]]
+        kept = best_of(sides, rise)
         return sides[kept].astype(np.int32), places[kept]
 
     def settle(self, faces: Faces, bound: float, found: Candidates) -> tuple[Faces, NDArray[np.bool_]]:

@@ -251,8 +251,8 @@ def components(store: Store, face_ids: Any) -> NDArray[np.int64]:
     """
     faces, index = np.unique(np.asarray(face_ids, np.int64).ravel(), return_inverse=True)
     beside = edge_neighbours(store, faces)
-    at = np.minimum(np.searchsorted(faces, beside), max(len(faces) - 1, 0))
-    row, side = np.nonzero(faces[at] == beside) if len(faces) else (np.empty(0, np.int64), np.empty(0, np.int64))
+    at, is_there = look_up(faces, beside)
+    row, side = np.nonzero(is_there)
     label = np.arange(len(faces))
     while True:
         least = label.copy()

@@ -11,7 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vpfx.errors import InputError
-from vpfx.store.store import MOST_SKIPPED, Store
+from vpfx.store.arrays import runs_of
+from vpfx.store.store import Store
 
 __all__ = ["Related", "children", "descendants", "parents", "related", "siblings"]
 
@@ -139,10 +140,9 @@ def _links(store: Store, ids: Ids, way: str) -> Ids:
     """Pairs of an id and its parent, or child, (n, 2), sorted; ids ascending."""
     own, other = ("child_face", "parent_face") if way == "up" else ("parent_face", "child_face")
     query = f"SELECT {own}, {other} FROM parent_child WHERE {own} BETWEEN ? AND ? ORDER BY {own}, {other}"
-    runs = np.split(ids, np.flatnonzero(np.diff(ids) > MOST_SKIPPED) + 1) if len(ids) else []
     found = [np.empty((0, 2), np.int64)]
-    for run in runs:
-        columns = store.select(query, (int(run[0]), int(run[-1])))
+    for run in runs_of(ids):
+        columns = store.select(query, run)
         found.append(np.stack([columns[own], columns[other]], axis=1))
     pairs = np.concatenate(found)
     return pairs[np.isin(pairs[:, 0], ids)]

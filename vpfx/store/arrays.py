@@ -14,9 +14,10 @@ from numpy.typing import NDArray
 from vpfx.errors import StoreError, StoreFormatError
 from vpfx.store.page_reader import OTHER, PAGE, REAL, WHOLE, Pages, find_leaves, read_records
 
-__all__ = ["NONE_ID", "TableReader", "look_up", "to_array"]
+__all__ = ["NONE_ID", "TableReader", "look_up", "runs_of", "to_array"]
 
 NONE_ID = -1  # stands for NULL in integer columns of arrays
+MOST_SKIPPED = 256  # ids between two rows that are read in one sweep
 KINDS = {"INTEGER": WHOLE, "DOUBLE": REAL}
 WAL = 2  # read version in the header of a file whose newest pages may lie in another one
 
@@ -72,8 +73,9 @@ class TableReader:
                 return self._by_sql(table, columns, low, high)
             leaves, most = find_leaves(data, self._roots[table], low, high)
             kinds = np.array([OTHER if i == 0 else kind for i, (_, kind) in enumerate(columns)])
-            wholes, reals = np.empty((int((kinds == WHOLE).sum()), max(most, 0)), np.int64), None
-            reals, ids = np.empty((int((kinds == REAL).sum()), max(most, 0))), np.empty(max(most, 0), np.int64)
+            room = max(most, 0)
+            wholes = np.empty((int((kinds == WHOLE).sum()), room), np.int64)
+            reals, ids = np.empty((int((kinds == REAL).sum()), room)), np.empty(room, np.int64)
             count = most if most < 0 else read_records(data, leaves, low, high, kinds, wholes, reals, ids)
         if count < 0:
             raise StoreFormatError(
@@ -127,6 +129,20 @@ class TableReader:
         values = zip(*rows, strict=True) if rows else ([] for _ in names)
         reals = {name for name, kind in columns if kind == REAL}
         return {name: to_array(column, name in reals) for name, column in zip(names, values, strict=True)}
+
+
+def runs_of(ids: NDArray[np.int64]) -> list[tuple[int, int]]:
+    """First and last of the runs of ascending ids that are near enough to each other to be read in one sweep.
+
+    Examples
+    --------
+    >>> runs_of(np.array([1, 5, 1000, 1001]))
+    [(1, 5), (1000, 1001)]
+    """
+    if len(ids) == 0:
+        return []
+    end = np.flatnonzero(np.diff(ids.view(np.uint64)) > MOST_SKIPPED)  # no difference is too large
+    return list(zip(ids[np.append(0, end + 1)].tolist(), ids[np.append(end, len(ids) - 1)].tolist(), strict=True))
 
 
 def look_up(known: NDArray[np.int64], wanted: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:

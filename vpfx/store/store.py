@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from vpfx.errors import InputError, NotFoundError, StoreError, StoreFormatError
 from vpfx.model import CUTS, Extent, Tin
-from vpfx.store.arrays import NONE_ID, TableReader, look_up, to_array
+from vpfx.store.arrays import NONE_ID, TableReader, look_up, runs_of, to_array
 from vpfx.store.contents import read_extent, read_levels, read_metadata
 from vpfx.store.ddl import schema_sql
 from vpfx.store.digest import REALS
@@ -24,7 +24,7 @@ from vpfx.store.geopackage import APPLICATION_ID
 
 __all__ = ["Store", "open_store"]
 
-MOST_SKIPPED = 256  # ids between two rows that are read in one sweep
+NO_IDS = 1, 0  # an empty range
 _CORE = (
     "metadata",
     "source",
@@ -252,10 +252,7 @@ class Store:
         if table not in _RANGED:
             raise InputError(f"table: found {table!r}, expected one of: {', '.join(_RANGED)}")
         wanted, index = np.unique(np.asarray(ids, np.int64).ravel(), return_inverse=True)
-        runs = (
-            np.split(wanted, np.flatnonzero(np.diff(wanted) > MOST_SKIPPED) + 1) if len(wanted) else [np.array([1, 0])]
-        )
-        parts = [self._reader.rows(table, int(run[0]), int(run[-1])) for run in runs]
+        parts = [self._reader.rows(table, *run) for run in runs_of(wanted) or [NO_IDS]]
         rows = {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
         at, is_there = look_up(rows[f"{table}_id"], wanted)
         if not is_there.all():
@@ -330,7 +327,7 @@ class Store:
         """Rows of the faces of one level and tile, as of `fetch`."""
         query = "SELECT first_face, last_face FROM tile_level WHERE tile_id = ? AND level = ?"
         first, last = self._connection.execute(query, (tile_id, level)).fetchone()
-        return self._reader.rows("face", *((1, 0) if first is None else (first, last)))
+        return self._reader.rows("face", *(NO_IDS if first is None else (first, last)))
 
     def check_level(self, level: int) -> None:
         """Refuse a level that is not there.
