@@ -19,6 +19,7 @@ CREATE TABLE level (                       -- R-120: one complete TIN each
   max_error_bound DOUBLE,                  -- metres: no valid post is off by more; NULL where no bound was asked for
   max_error DOUBLE NOT NULL,               -- metres: greatest vertical error measured at the valid posts
   rmse DOUBLE NOT NULL,                    -- metres: root mean square of the vertical errors
+  max_rise DOUBLE,                         -- metres: greatest distance in z of a node new at the level from the level before; NULL on level 0, and where levels are not nested
   post_count INTEGER NOT NULL,             -- valid posts measured
   node_count INTEGER NOT NULL,             -- nodes of the level, those of coarser levels included
   edge_count INTEGER NOT NULL,             -- edges

@@ -70,11 +70,11 @@ def read_levels(connection: sqlite3.Connection, path: str) -> tuple[LevelSummary
     StoreFormatError
         The levels are not numbered 0 … n - 1, or a value is not a finite number.
     """
-    columns = "level, max_error_bound, max_error, rmse, post_count, node_count, edge_count, face_count"
+    columns = "level, max_error_bound, max_error, rmse, max_rise, post_count, node_count, edge_count, face_count"
     levels = []
     for number, row in enumerate(connection.execute(f"SELECT {columns} FROM level ORDER BY level")):
-        counts = (row[0], *row[4:])
-        reals = row[2:4] if row[1] is None else row[1:4]
+        counts = (row[0], *row[5:])
+        reals = [*row[2:4], *(value for value in (row[1], row[4]) if value is not None)]
         is_good = all(isinstance(value, int) and value >= 0 for value in counts) and row[0] == number
         if not is_good or not all(isinstance(value, _NUMBER) and math.isfinite(value) for value in reals):
             message = "found levels out of order or values that are no finite numbers"

@@ -18,6 +18,9 @@ class LevelSummary(NamedTuple):
         Bound asked for, metres.
     max_error, rmse : float
         Vertical errors measured at the valid posts, metres.
+    max_rise : float or None
+        Greatest distance in z of a node new at the level from the surface of the level before, metres; None on level 0, and
+        where levels are not nested.
     posts : int
         Valid posts measured.
     nodes, edges, faces : int
@@ -28,6 +31,7 @@ class LevelSummary(NamedTuple):
     max_error_bound: float | None
     max_error: float
     rmse: float
+    max_rise: float | None
     posts: int
     nodes: int
     edges: int

@@ -97,6 +97,7 @@ class StoreWriter:
         n = tiling.n_level
         self._counts = np.zeros((n, 3), np.int64)  # nodes first seen at the level, edges, faces
         self._errors = np.zeros((n, 3))  # greatest error, sum of squares, posts
+        self._rises = np.full(n, np.nan)  # greatest distance of a new node from the level before
         self._cuts = np.zeros((n, len(CUTS)), np.int64)
         try:
             self._create()
@@ -132,6 +133,8 @@ class StoreWriter:
             Width and height of a post spacing in the tile, metres.
         """
         self._waiting.append(self._behind.submit(self._make_rows, tile, hierarchy, post_metres))
+        rise = np.abs(hierarchy.nodes[:, 2] - hierarchy.node_z_parent)
+        np.fmax.at(self._rises, hierarchy.node_level, rise)
         for level in range(hierarchy.n_level):
             self._errors[level, 0] = max(self._errors[level, 0], hierarchy.max_error[level])
             self._cuts[level] += hierarchy.cuts[level]
@@ -228,7 +231,9 @@ class StoreWriter:
         summary = []
         for level, (worst, squares, posts) in enumerate(self._errors.tolist()):
             counts = int(posts), int(nodes[level]), int(self._counts[level, 1]), int(self._counts[level, 2])
-            summary.append(LevelSummary(level, bounds[level], worst, (squares / max(posts, 1.0)) ** 0.5, *counts))
+            rise = None if np.isnan(self._rises[level]) else float(self._rises[level])
+            rmse = (squares / max(posts, 1.0)) ** 0.5
+            summary.append(LevelSummary(level, bounds[level], worst, rmse, rise, *counts))
         return summary
 
     def _write_contents(
@@ -246,7 +251,7 @@ class StoreWriter:
         ranges = [self._tiling.border_edge_ids(line.level) or (None, None) for line in summary]
         digests = [digest.value() for digest in self._border_digests]
         levels = [(*line, *limits, digest) for line, limits, digest in zip(summary, ranges, digests, strict=True)]
-        connection.executemany(f"INSERT INTO level VALUES ({', '.join('?' * 11)})", levels)
+        connection.executemany(f"INSERT INTO level VALUES ({', '.join('?' * 12)})", levels)
         cuts = [
             (level, kind, int(n)) for level, row in enumerate(self._cuts) for kind, n in zip(CUTS, row, strict=True)
         ]

@@ -1,0 +1,363 @@
+"""A cut: one crack-free TIN of mixed levels, coarse where that is enough (specs/query.md Q-300 to Q-340).
+
+Level by level from the coarsest, faces that are near enough to need it are replaced by their children. A node that is new at a
+level has a weight: at 0 it lies on the surface of the level before, at 1 at its own height. Weights hang on distance alone and
+are 0 wherever refined faces meet others, so there is no crack, and heights follow a moving eye without a jump.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any, NamedTuple
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+
+from vpfx.dem.reference import unit_metres
+from vpfx.errors import InputError, StoreFormatError
+from vpfx.geometry import barycentric
+from vpfx.model import Tin
+from vpfx.query.needs import Eye, Focus, Need
+from vpfx.query.stitch import stitch
+from vpfx.query.vertical import children
+from vpfx.store.arrays import look_up
+from vpfx.store.store import Store
+from vpfx.topology import find_twins
+
+__all__ = ["MORPH", "cut"]
+
+Floats = NDArray[np.float64]
+Ids = NDArray[np.int64]
+
+MORPH = 0.25
+"""Share of a distance over which a level fades in: wide enough for a steady eye, narrow enough to cost few faces."""
+
+BLENDS = np.linspace(0.0, 1.0, 5)
+"""Blends of two levels that a face is compared with to bound its error."""
+
+
+class _Nodes:
+    """Nodes met so far, those of level 0 first.
+
+    Attributes
+    ----------
+    ids : int64 (n_node,)
+    rows : dict of str to array
+        Columns of the table `node`.
+    height : float64 (n_node,)
+        In the cut, metres.
+    weight : float64 (n_node,)
+    """
+
+    def __init__(self, store: Store) -> None:
+        self._store = store
+        self.ids = np.empty(0, np.int64)
+        self.rows = store.fetch("node", self.ids)
+        self.height, self.weight = np.empty(0), np.empty(0)
+        self._order = np.empty(0, np.int64)
+
+    def add(self, corners: Ids) -> None:
+        """Read the nodes that are not known yet."""
+        rows = self._store.fetch("node", np.setdiff1d(corners, self.ids))
+        self.rows = {name: np.concatenate([self.rows[name], rows[name]]) for name in rows}
+        self.ids = self.rows["node_id"]
+        self._order = np.argsort(self.ids, kind="stable")
+
+    def index(self, corners: Ids) -> NDArray[np.int32]:
+        """Places of known nodes."""
+        at, _ = look_up(self.ids[self._order], corners)
+        return self._order[at].astype(np.int32)
+
+    def xyz(self, z: Floats | None = None) -> Floats:
+        """Places, float64 (n_node, 3), with the heights of the store or others."""
+        return np.stack([self.rows["x"], self.rows["y"], self.rows["z"] if z is None else z], axis=1)
+
+
+class _Faces(NamedTuple):
+    """Faces of one level that the cut has come to.
+
+    Attributes
+    ----------
+    ids, tile_ids : int64 (n,)
+    nodes : int32 (n, 3)
+        Indices into `_Nodes`.
+    is_filled : bool (n,)
+    max_error : float64 (n,)
+        No post in the face is off by more, with the heights of the cut, metres.
+    """
+
+    ids: Ids
+    tile_ids: Ids
+    nodes: NDArray[np.int32]
+    is_filled: NDArray[np.bool_]
+    max_error: Floats
+
+    def part(self, which: Any) -> _Faces:
+        """Some of the faces."""
+        return _Faces(*(column[which] for column in self))
+
+
+class _Ladder(NamedTuple):
+    """Errors that decide from which distance on a level will do, metres: one a step to the next level.
+
+    Attributes
+    ----------
+    error : float64 (n_level,)
+        No post of a level is off by more.
+    floor, most : float64 (n_level - 1,)
+        Least and greatest error of faces of a level while nodes of the next are on their way (Q-320).
+    """
+
+    error: Floats
+    floor: Floats
+    most: Floats
+
+
+def cut(
+    store: Store, eye: Any = None, *, screen_error: float = 2.0, fov: float = 60.0, screen_height: int = 1080,
+    error: float | None = None, focus: Any = None, growth: float = math.inf, bbox: Any = None, morph: float = MORPH,
+) -> Tin:  # fmt: skip
+    """Cover the extent once with faces of mixed levels, without cracks: for an eye, or for an error and a focus.
+
+    Parameters
+    ----------
+    store : Store
+        Of nested levels without T-junctions.
+    eye : three numbers, optional
+        x and y in CRS units, z in metres above the datum of the heights.
+    screen_error : float
+        Vertical error allowed on the screen, pixels.
+    fov : float
+        Vertical field of view, degrees.
+    screen_height : int
+        Pixels of the screen from top to bottom.
+    error : float, optional
+        Without an eye: vertical error allowed, metres.
+    focus : shapely polygon or multipolygon, optional
+        Where `error` holds, in CRS units; everywhere by default.
+    growth : float
+        Metres that the error may grow by for each metre away from the focus; by default it may be any there.
+    bbox : four numbers, optional
+        min_x, min_y, max_x, max_y: only tiles that touch it.
+    morph : float
+        Share of a distance over which a level fades in, 0 to 1; with 0 levels change at once.
+
+    Returns
+    -------
+    Tin
+        Face attributes: ``face_id``, the face of the store that a face is or is a piece of, its ``level`` and ``tile_id``,
+        ``is_stitched`` (a piece), ``is_filled``, ``max_error``: no post in it is off by more, and ``tolerance``: what is allowed
+        there, both metres. Node attributes: ``node_id``, ``level``, ``z`` as stored, ``z_parent`` (metres) and ``weight``. Heights of
+        nodes are those of the cut.
+
+    Raises
+    ------
+    InputError
+        There is neither an eye nor an error, or both; a number is out of range; levels are not nested or have T-junctions.
+
+    Notes
+    -----
+    Max_error is at most the tolerance, except in faces of the last level. Reads level 0, and of the other levels the faces it
+    returns and those beside them. Cost: O(faces returned).
+
+    Examples
+    --------
+    ``cut(store, (500_000, 4_000_000, 900.0), screen_error=1.5)``; ``cut(store, error=5.0, focus=shapely.box(*bbox))``
+    """
+    _check_nested(store)
+    if not 0.0 <= morph <= 1.0:
+        raise InputError(f"morph: found {morph}, expected a number from 0 to 1")
+    nodes = _Nodes(store)
+    faces = _first_level(store, nodes, bbox)
+    metres = unit_metres(store.crs, store.extent)
+    if (eye is None) == (error is None):
+        raise InputError("cut: found an eye and an error or neither of them, expected one of the two")
+    need: Need
+    if error is None:
+        share = _screen_share(screen_error, fov, screen_height)
+        need = Eye(_checked_eye(eye), metres, _slab(store, nodes), share)
+    else:
+        need = Focus(_checked_focus(store, focus, metres), metres, *_checked_errors(error, growth))
+    ladder = _ladder(store, morph)
+    found = []
+    for level in range(len(store.levels) - 1):
+        is_refined, refined = _refine(store, nodes, faces, level, need, ladder, morph)
+        found.append(faces.part(~is_refined))
+        faces = refined
+    return _joined(store, nodes, [*found, faces], need)
+
+
+def _check_nested(store: Store) -> None:
+    """Refuse stores in which a face is not covered by its children, edge by edge."""
+    for table, found in (("shared_area", "levels that are not nested"), ("t_junction", "T-junctions in its levels")):
+        if len(store.select(f"SELECT 1 AS row FROM {table} LIMIT 1")["row"]):
+            method = store.metadata["method"]
+            raise InputError(f"{store.path}: found {found} (method {method}), expected a nested method that keeps faces adjacent")
+
+
+def _first_level(store: Store, nodes: _Nodes, bbox: Any) -> _Faces:
+    """Read level 0."""
+    parts = [store.tile_faces(0, tile_id) for tile_id in store.tiles(bbox)["tile_id"].tolist()]
+    parts = parts or [store.fetch("face", [])]
+    rows = {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
+    faces = _faces_of(rows, nodes, np.full(len(rows["face_id"]), store.levels[0].max_error))
+    nodes.height, nodes.weight = nodes.rows["z"].copy(), np.ones(len(nodes.ids))
+    return faces
+
+
+def _faces_of(rows: dict[str, NDArray[Any]], nodes: _Nodes, max_error: Floats) -> _Faces:
+    """Faces of rows of the table `face`, whose nodes become known."""
+    corners = np.stack([rows[f"node_{i}"] for i in (1, 2, 3)], axis=1)
+    nodes.add(np.unique(corners))
+    return _Faces(rows["face_id"], rows["tile_id"], nodes.index(corners), rows["is_filled"].astype(bool), max_error)
+
+
+def _slab(store: Store, nodes: _Nodes) -> tuple[float, float]:
+    """Least and greatest height of the surface: that of level 0, and as far beyond as nodes of the others rise."""
+    rise = sum(line.max_rise or 0.0 for line in store.levels)
+    z = nodes.rows["z"]
+    return float(z.min(initial=np.inf)) - rise, float(z.max(initial=-np.inf)) + rise
+
+
+def _ladder(store: Store, morph: float) -> _Ladder:
+    """Errors of the steps, last step first: no step begins before the one before is done."""
+    error = np.array([line.max_error for line in store.levels])
+    floor, most = np.zeros((2, len(error) - 1))
+    for step in reversed(range(len(error) - 1)):
+        rise = store.levels[step + 1].max_rise or 0.0
+        floor[step] = max(error[step], (1.0 + morph) * most[step + 1]) if step + 1 < len(floor) else error[step]
+        most[step] = max(floor[step], (error[step] + error[step + 1] + rise) / 2.0)
+    return _Ladder(error, floor, most)
+
+
+def _refine(
+    store: Store, nodes: _Nodes, faces: _Faces, level: int, need: Need, ladder: _Ladder, morph: float
+) -> tuple[NDArray[np.bool_], _Faces]:
+    """Replace faces of a level by their children where that is needed.
+
+    Returns
+    -------
+    is_refined : bool (n,)
+        Of the faces.
+    refined : _Faces
+        The children of those.
+    """
+    twins = find_twins(faces.nodes, len(nodes.ids))
+    beside = np.where(twins < 0, len(faces.ids), twins // 3).reshape(-1, 3)
+    near = need.distance(nodes.xyz()[faces.nodes])
+    for _ in range(len(store.levels) - 2 - level):
+        near = _spread(near, beside)
+    candidates = np.flatnonzero(_spread(near, beside) <= need.reach((1.0 + morph) * ladder.most[level : level + 1]))
+    links = children(store, faces.ids[candidates])
+    parent = candidates[links.of]
+    n_child = np.bincount(parent, minlength=len(faces.ids))
+    if (n_child[candidates] == 0).any():
+        raise StoreFormatError(str(store.path), f"level {level}", "found a face without children", "R-180")
+    known = len(nodes.ids)
+    kids = _faces_of(store.fetch("face", links.face_ids), nodes, np.zeros(len(parent)))
+    _weigh(store, nodes, faces, kids.nodes, parent, known, level, near, need, ladder, morph)
+    is_wanted = (kids.nodes >= known) & (nodes.weight[kids.nodes] > 0.0)
+    is_refined = np.zeros(len(faces.ids), bool)
+    is_refined[parent] = n_child[parent] == 1
+    np.logical_or.at(is_refined, parent, is_wanted.any(axis=1))
+    bound = _bound(nodes, kids.nodes, level + 1, ladder.error, faces.max_error[parent])
+    return is_refined, kids._replace(max_error=bound).part(is_refined[parent])
+
+
+def _spread(values: Floats, beside: Ids) -> Floats:
+    """Least value of each face and of those across its edges."""
+    return np.minimum(values, np.append(values, np.inf)[beside].min(axis=1))
+
+
+def _weigh(
+    store: Store, nodes: _Nodes, faces: _Faces, kid_nodes: NDArray[np.int32], parent: Ids, known: int, level: int,
+    near: Floats, need: Need, ladder: _Ladder, morph: float,
+) -> None:  # fmt: skip
+    """Give weights and heights to nodes that are new at the next level."""
+    rows = {name: nodes.rows[name][known:] for name in ("x", "y", "z", "z_parent", "level")}
+    if not ((rows["level"] == level + 1) & np.isfinite(rows["z_parent"])).all():
+        message = "found children with corners that are none of their parent and not new at their level"
+        raise StoreFormatError(str(store.path), f"level {level + 1}", message, "R-181")
+    rise = rows["z"] - rows["z_parent"]
+    kid, corner = np.nonzero(kid_nodes >= known)
+    node, owner = kid_nodes[kid, corner] - known, parent[kid]
+    rise_of_face = np.zeros(len(faces.ids))
+    np.maximum.at(rise_of_face, owner, np.abs(rise[node]))
+    mixed = (ladder.error[level] + ladder.error[level + 1] + rise_of_face) / 2.0
+    allowed, distance = np.zeros(len(rise)), np.full(len(rise), np.inf)
+    np.maximum.at(allowed, node, np.maximum(mixed, ladder.floor[level])[owner])
+    np.minimum.at(distance, node, near[owner])
+    full, none = need.reach(allowed), need.reach((1.0 + morph) * allowed)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        weight = np.where(distance <= full, 1.0, np.clip((none - distance) / (none - full), 0.0, 1.0))
+    weight = np.where((distance > full) & (none <= full), 0.0, weight)
+    _, first = np.unique(node, return_index=True)
+    corners = faces.nodes[owner[first]]
+    places = np.stack([rows["x"], rows["y"]], axis=1)
+    shift = (nodes.height - nodes.rows["z"][:known])[corners]
+    under = (barycentric(nodes.xyz()[corners], places) * shift).sum(axis=1)
+    nodes.weight = np.concatenate([nodes.weight, weight])
+    nodes.height = np.concatenate([nodes.height, rows["z_parent"] + under + weight * rise])
+
+
+def _bound(nodes: _Nodes, face_nodes: NDArray[np.int32], level: int, error: Floats, of_parent: Floats) -> Floats:
+    """Bound the errors of faces of a level: by blends of it and the level before, or by the parent and what new nodes add."""
+    is_new = (nodes.rows["level"] == level)[face_nodes]
+    height, z = nodes.height[face_nodes], nodes.rows["z"][face_nodes]
+    before = np.where(is_new, nodes.rows["z_parent"][face_nodes], z)
+    added = np.where(is_new, nodes.weight[face_nodes] * np.abs(z - before), 0.0).max(axis=1, initial=0.0)
+    least = of_parent + added
+    for blend in BLENDS:
+        away = np.abs(height - (before + blend * (z - before))).max(axis=1, initial=0.0)
+        least = np.minimum(least, (1.0 - blend) * error[level - 1] + blend * error[level] + away)
+    return least
+
+
+def _joined(store: Store, nodes: _Nodes, parts: list[_Faces], need: Need) -> Tin:
+    """Put the faces of all levels together and cut those that have nodes of finer ones in their edges."""
+    level = np.repeat(np.arange(len(parts)), [len(part.ids) for part in parts])
+    faces = _Faces(*(np.concatenate(columns) for columns in zip(*parts, strict=True)))
+    tolerance = need.tolerance(need.distance(nodes.xyz()[faces.nodes]))
+    used, index = np.unique(faces.nodes, return_inverse=True)
+    xyz = nodes.xyz(nodes.height)[used]
+    face_nodes, source = stitch(xyz, index.reshape(-1, 3).astype(np.int32))
+    of_face = {
+        "face_id": faces.ids, "tile_id": faces.tile_ids, "level": level, "is_filled": faces.is_filled,
+        "is_stitched": np.bincount(source) > 1, "max_error": faces.max_error, "tolerance": tolerance,
+    }  # fmt: skip
+    attributes = {name: values[source] for name, values in of_face.items()}
+    known = {name: nodes.rows[name][used] for name in ("node_id", "level", "z", "z_parent")}
+    return Tin(xyz, face_nodes, attributes, {**known, "weight": nodes.weight[used]}, crs=store.crs)
+
+
+def _screen_share(screen_error: float, fov: float, screen_height: int) -> float:
+    """Error allowed per distance."""
+    if not (0.0 < screen_error < math.inf and 0.0 < fov < 180.0 and screen_height >= 1):
+        found = f"{screen_error} pixels, {fov}° and {screen_height} pixels"
+        raise InputError(f"cut: found {found}, expected a screen error above 0, a field of view below 180°, a height of 1 or more")
+    return screen_error * 2.0 * math.tan(math.radians(fov) / 2.0) / screen_height
+
+
+def _checked_eye(eye: Any) -> tuple[float, float, float]:
+    """Return the place of an eye."""
+    place = np.asarray(eye, np.float64)
+    if place.shape != (3,) or not np.isfinite(place).all():
+        raise InputError(f"eye: found {eye}, expected x, y and z")
+    x, y, z = place.tolist()
+    return x, y, z
+
+
+def _checked_errors(error: float, growth: float) -> tuple[float, float]:
+    """Return what is allowed in the focus, and how it grows."""
+    if not (0.0 <= error < math.inf and growth > 0.0):
+        raise InputError(f"cut: found an error of {error} m that grows by {growth}, expected 0 or more and a growth above 0")
+    return error, growth
+
+
+def _checked_focus(store: Store, focus: Any, metres: tuple[float, float]) -> Any:
+    """Return the focus, or the whole extent, scaled to metres."""
+    area = shapely.box(*store.extent) if focus is None else focus
+    if not isinstance(area, shapely.Polygon | shapely.MultiPolygon) or area.is_empty or not area.is_valid:
+        raise InputError(f"focus: found {str(focus)[:60]}, expected a valid polygon that is not empty")
+    return shapely.transform(area, lambda places: places * metres)
