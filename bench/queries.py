@@ -50,7 +50,7 @@ def read_by_sqlite3(path: Path) -> list[np.ndarray]:
 def read_by_pages(path: Path) -> dict[str, np.ndarray]:
     """Read the table `face` from its pages."""
     with closing(sqlite3.connect(f"{path.absolute().as_uri()}?mode=ro", uri=True, isolation_level=None)) as connection:
-        return TableReader(connection, path).rows("face", 1, 2**62)
+        return TableReader(connection, path).rows("face", [(1, 2**62)])
 
 
 def neighbours_by_join(path: Path, faces: np.ndarray) -> list[Any]:

@@ -19,18 +19,17 @@ from vpfx.dem import read_grid
 from vpfx.errors import InputError
 from vpfx.measures import (
     NORMAL,
-    cut_equilateral,
     measure_accuracy,
     measure_hierarchy,
     measure_shape,
     measure_step,
     streakiness,
-    table_2,
 )
 from vpfx.methods import METHODS
 from vpfx.model import CUTS, Tin
 from vpfx.pipeline import build_hierarchy
 from vpfx.report import to_text
+from vpfx.table_2 import cut_equilateral, table_2
 
 ROOT = Path(__file__).resolve().parents[1]
 TABLE_2 = {

@@ -73,7 +73,26 @@ def test_rows_are_those_of_sql(table, stores):
             ranges += [tuple(sorted(rng.choice(ids, 2).tolist())) for _ in range(20)]
             ranges += [(low - 1, high + 1) for low, high in ranges[-5:]]
             for low, high in ranges:
-                check(reader.rows(table, low, high), by_sql(connection, table, low, high))
+                check(reader.rows(table, [(low, high)]), by_sql(connection, table, low, high))
+
+
+@pytest.mark.parametrize(("own", "other"), [("child_face", "parent_face"), ("parent_face", "child_face")])
+def test_links_are_those_of_sql(own, other, stores):
+    rng = np.random.default_rng(8)
+    query = f"SELECT {own}, {other} FROM parent_child WHERE {own} BETWEEN ? AND ? ORDER BY 1, 2"
+    for path in stores:
+        with opened(path) as connection:
+            reader = TableReader(connection, path)
+            (last,) = connection.execute(f"SELECT max({own}) FROM parent_child").fetchone()
+            runs = [(-5, 2**62), (1, 1), (last, last), (last + 1, 2**62), (5, 4)]
+            runs += [tuple(np.sort(rng.integers(0, last + 2, 2)).tolist()) for _ in range(30)]
+            for run in runs:
+                assert reader.links(own, [run]).tolist() == [list(row) for row in connection.execute(query, run)]
+            several = sorted(rng.choice(last, 8, replace=False).tolist())
+            several = list(zip(several[::2], several[1::2], strict=True))
+            expected = [list(row) for run in several for row in connection.execute(query, run)]
+            assert reader.links(own, several).tolist() == expected
+            assert reader.links(own, []).shape == (0, 2)
 
 
 def test_levels_are_those_of_sql(stores):
@@ -143,8 +162,8 @@ def test_values_of_every_kind_are_read(tmp_path, stores):
             connection.execute("UPDATE node SET z = ? WHERE node_id = ?", (value, i + 1))
     with opened(path) as connection:
         reader = TableReader(connection, path)
-        assert reader.rows("edge", 1, 16)["right_face"].tolist() == [*values, NONE_ID]
-        assert reader.rows("node", 1, 7)["z"].tolist() == [0.0, 1.0, -3.0, 1e300, -5e-324, 0.1, 2.0**40]
+        assert reader.rows("edge", [(1, 16)])["right_face"].tolist() == [*values, NONE_ID]
+        assert reader.rows("node", [(1, 7)])["z"].tolist() == [0.0, 1.0, -3.0, 1e300, -5e-324, 0.1, 2.0**40]
 
 
 def test_changes_by_others_are_seen(tmp_path, stores):
@@ -152,15 +171,20 @@ def test_changes_by_others_are_seen(tmp_path, stores):
     shutil.copy(stores[0], path)
     with opened(path) as connection, closing(sqlite3.connect(path)) as other:
         reader = TableReader(connection, path)
-        count = len(reader.rows("face", 1, 2**62)["face_id"])
+        count = len(reader.rows("face", [(1, 2**62)])["face_id"])
         with other:
             other.execute("UPDATE face SET slope_centidegrees = 7 WHERE face_id = 1")
-        assert reader.rows("face", 1, 1)["slope_centidegrees"].tolist() == [7]
+        assert reader.rows("face", [(1, 1)])["slope_centidegrees"].tolist() == [7]
         with other:  # the file grows
             other.execute("CREATE TABLE more AS SELECT * FROM face")
             other.execute("UPDATE face SET slope_centidegrees = 8 WHERE face_id = 1")
-        assert reader.rows("face", 1, 1)["slope_centidegrees"].tolist() == [8]
-        assert len(reader.rows("face", 1, 2**62)["face_id"]) == count
+        assert reader.rows("face", [(1, 1)])["slope_centidegrees"].tolist() == [8]
+        assert len(reader.rows("face", [(1, 2**62)])["face_id"]) == count
+        with other:
+            other.execute("DROP TABLE more")
+        nodes = by_sql(other, "node", 1, 2**62)
+        other.execute("VACUUM")  # tables begin elsewhere
+        check(reader.rows("node", [(1, 2**62)]), nodes)
 
 
 def test_a_write_ahead_log_is_read_through_sql(tmp_path, stores):
@@ -172,8 +196,17 @@ def test_a_write_ahead_log_is_read_through_sql(tmp_path, stores):
             other.execute("UPDATE face SET slope_centidegrees = 9 WHERE face_id = 1")
         with opened(path) as connection:
             reader = TableReader(connection, path)
-            assert reader.rows("face", 1, 1)["slope_centidegrees"].tolist() == [9]
-            check(reader.rows("node", 1, 2**62), by_sql(connection, "node", 1, 2**62))
+            assert reader.rows("face", [(1, 1)])["slope_centidegrees"].tolist() == [9]
+            check(reader.rows("node", [(1, 2**62)]), by_sql(connection, "node", 1, 2**62))
+            links = [
+                list(row)
+                for row in connection.execute("SELECT child_face, parent_face FROM parent_child ORDER BY 1, 2")
+            ]
+            assert reader.links("child_face", [(1, 2**62)]).tolist() == links
+            with other:
+                other.execute("INSERT INTO parent_child VALUES (99999999, 'x')")
+            with pytest.raises(StoreFormatError, match="parent_child: found a value that is no whole number"):
+                reader.links("child_face", [(1, 2**62)])
 
 
 def test_a_locked_store_is_told(tmp_path, stores):
@@ -184,9 +217,9 @@ def test_a_locked_store_is_told(tmp_path, stores):
         reader = TableReader(connection, path)
         other.execute("BEGIN EXCLUSIVE")
         with pytest.raises(StoreError, match="locked"):
-            reader.rows("face", 1, 10)
+            reader.rows("face", [(1, 10)])
         other.execute("COMMIT")
-        assert len(reader.rows("face", 1, 10)["face_id"]) == 10
+        assert len(reader.rows("face", [(1, 10)])["face_id"]) == 10
 
 
 @pytest.mark.slow
@@ -196,6 +229,7 @@ def test_broken_pages_are_not_followed(tmp_path, stores):
     path, outcomes = tmp_path / "a.gpkg", set()
     with opened(stores[1]) as connection:
         sound = TableReader(connection, stores[1])
+        sound.rows("face", [])
         roots = dict(sound._roots)
     for trial in range(300):
         changed = bytearray(whole)
@@ -207,9 +241,11 @@ def test_broken_pages_are_not_followed(tmp_path, stores):
         with opened(path) as connection:
             try:
                 reader = TableReader(connection, path)
-                reader._roots = roots
+                reader._roots, reader._cookie = roots, bytes(changed[40:44])
                 for table in TABLES:
-                    reader.rows(table, 1, 2**62)
+                    reader.rows(table, [(1, 2**62)])
+                for own in ("child_face", "parent_face"):
+                    reader.links(own, [(1, 2**62)])
             except (StoreFormatError, StoreError, sqlite3.DatabaseError):
                 outcomes.add("refused")
             else:

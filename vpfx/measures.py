@@ -14,19 +14,17 @@ from numpy.typing import NDArray
 from vpfx.dem.reference import unit_metres
 from vpfx.errors import InputError
 from vpfx.geometry import face_shapes
-from vpfx.methods import METHODS
-from vpfx.methods.forest import Forest
 from vpfx.methods.scan import find_worst, scan_mesh
 from vpfx.model import CUTS, Grid, Hierarchy, Tin
 from vpfx.store.store import Store
 from vpfx.topology import find_t_junctions, find_twins
 
 __all__ = [
+    "NORMAL",
     "Accuracy",
     "LevelMeasures",
     "Shape",
     "Step",
-    "cut_equilateral",
     "face_errors",
     "measure_accuracy",
     "measure_hierarchy",
@@ -35,7 +33,6 @@ __all__ = [
     "measure_step",
     "measure_store",
     "streakiness",
-    "table_2",
 ]
 
 Floats = NDArray[np.float64]
@@ -296,8 +293,7 @@ def measure_hierarchy(hierarchy: Hierarchy, grid: Grid, tolerance: float = 0.0) 
     for level in range(hierarchy.n_level):
         tin, step = hierarchy.tin(level), None
         if level:
-            is_new = hierarchy.node_level[: tin.n_node] == level
-            rise = np.where(is_new, tin.nodes[:, 2] - hierarchy.node_z_parent[: tin.n_node], np.nan)
+            rise = _rise(tin, hierarchy.node_z_parent[: tin.n_node], level)
             step = measure_step(hierarchy.tin(level - 1), tin, hierarchy.links[level - 1], rise, tolerance)
         found.append(_measure_level(level, tin, metres, grid, hierarchy.cuts, step))
     return found
@@ -327,8 +323,7 @@ def measure_store(store: Store, levels: Sequence[int] = (), grid: Grid | None = 
         if level:
             coarse, links = store.tin(level - 1), store.links(level)
             pairs = [np.searchsorted(t.face_attributes["face_id"], links[:, i]) for i, t in enumerate((coarse, tin))]
-            is_new = tin.node_attributes["level"] == level
-            rise = np.where(is_new, tin.nodes[:, 2] - tin.node_attributes["z_parent"], np.nan)
+            rise = _rise(tin, tin.node_attributes["z_parent"], level)
             step = measure_step(coarse, tin, np.stack(pairs, axis=1), rise, tolerance)
         found.append(_measure_level(level, tin, metres, grid, cuts, step))
     return found
@@ -359,46 +354,10 @@ def _measure_level(
 ) -> LevelMeasures:
     """Put the measures of a level together; cuts are those of all levels."""
     accuracy = measure_accuracy(tin, grid) if grid is not None else None
-    streaks = streakiness(cuts[: level + 1].sum(axis=0))
-    return LevelMeasures(level, tin.n_node, tin.n_face, measure_shape(tin, metres), accuracy, streaks, step)
+    shape, streaks = measure_shape(tin, metres), streakiness(cuts[: level + 1].sum(axis=0))
+    return LevelMeasures(level, tin.n_node, tin.n_face, shape, accuracy, streaks, step)
 
 
-def cut_equilateral(kind: str) -> Floats:
-    """Sliveriness of the children of an equilateral triangle, cut by the kernel that cuts terrain.
-
-    Edges are broken at their middles, the centre is the centroid.
-
-    Examples
-    --------
-    >>> cut_equilateral("three edges").round(3).tolist()
-    [20.785, 20.785, 20.785, 20.785]
-    """
-    corners = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.5, np.sqrt(0.75), 0.0]])
-    forest = Forest(corners.copy(), np.array([[0, 1, 2]], np.int32), np.zeros(1, bool))
-    n_broken = {"one edge": 1, "two edges": 2, "three edges": 3, "centre": 0, "centre and one edge": 1}[kind]
-    first = forest.add_nodes((corners[:n_broken] + corners[(np.arange(n_broken) + 1) % 3]) / 2)
-    forest.side_node[:n_broken] = np.arange(first, forest.n_node)
-    centre = forest.add_nodes(corners.mean(axis=0)[None]) if kind.startswith("centre") else -1
-    children = forest.cut(np.zeros(1, np.int32), np.array([centre], np.int32), np.zeros(1, bool))
-    return face_shapes(forest.nodes, forest.face_nodes[children])[0]
-
-
-def table_2() -> dict[str, tuple[float, float, float, float]]:
-    """The paper's table 2, made by cutting: streakiness, and average, greatest and least sliveriness of each method.
-
-    Each kind of cut of a method counts the same; averages are over the children of a cut, then over the kinds.
-
-    Examples
-    --------
-    >>> [round(value, 2) for value in table_2()["wynne"]]
-    [0.45, 6.49, 12.39, 1.0]
-    """
-    found = {}
-    for name, method in METHODS.items():
-        if method.cuts:
-            shapes = [cut_equilateral(kind) - NORMAL for kind in method.cuts]
-            every = np.concatenate(shapes)
-            average = float(np.mean([shape.mean() for shape in shapes]))
-            share = streakiness([kind in method.cuts for kind in CUTS])
-            found[name] = (share, average, float(every.max()), float(every.min()))
-    return found
+def _rise(tin: Tin, z_parent: Floats, level: int) -> Floats:
+    """Rise of the nodes that are new at a level over the level before, metres; NaN for the others."""
+    return np.where(tin.node_attributes["level"] == level, tin.nodes[:, 2] - z_parent, np.nan)

@@ -16,9 +16,8 @@ from numpy.typing import NDArray
 
 from vpfx.dem.reference import unit_metres
 from vpfx.errors import InputError, StoreFormatError
-from vpfx.geometry import barycentric
 from vpfx.model import Tin
-from vpfx.query.needs import Eye, Focus, Need
+from vpfx.query.needs import Eye, Focus, Need, checked_errors, checked_eye, checked_focus, screen_share
 from vpfx.query.stitch import stitch
 from vpfx.query.vertical import children
 from vpfx.store.arrays import look_up
@@ -146,10 +145,9 @@ def cut(
     Returns
     -------
     Tin
-        Face attributes: ``face_id``, the face of the store that a face is or is a piece of, its ``level`` and ``tile_id``,
-        ``is_stitched`` (a piece), ``is_filled``, ``max_error``: no post in it is off by more, and ``tolerance``: what is allowed
-        there, both metres. Node attributes: ``node_id``, ``level``, ``z`` as stored, ``z_parent`` (metres) and ``weight``. Heights of
-        nodes are those of the cut.
+        Of faces: ``face_id`` (the face of the store that each is or is a piece of), ``level``, ``tile_id``, ``is_stitched``
+        (it is a piece), ``is_filled``, ``max_error`` (no post in it is off by more) and ``tolerance`` (what is allowed there),
+        metres. Of nodes: ``node_id``, ``level``, ``z`` as stored, ``z_parent``, ``weight``; their heights are those of the cut.
 
     Raises
     ------
@@ -175,10 +173,10 @@ def cut(
         raise InputError("cut: found an eye and an error or neither of them, expected one of the two")
     need: Need
     if error is None:
-        share = _screen_share(screen_error, fov, screen_height)
-        need = Eye(_checked_eye(eye), metres, _slab(store, nodes), share)
+        need = Eye(checked_eye(eye), metres, _slab(store, nodes), screen_share(screen_error, fov, screen_height))
     else:
-        need = Focus(_checked_focus(store, focus, metres), metres, *_checked_errors(error, growth))
+        area = shapely.box(*store.extent) if focus is None else focus
+        need = Focus(checked_focus(area, metres), metres, *checked_errors(error, growth))
     ladder = _ladder(store, morph)
     found = []
     for level in range(len(store.levels) - 1):
@@ -193,7 +191,9 @@ def _check_nested(store: Store) -> None:
     for table, found in (("shared_area", "levels that are not nested"), ("t_junction", "T-junctions in its levels")):
         if len(store.select(f"SELECT 1 AS row FROM {table} LIMIT 1")["row"]):
             method = store.metadata["method"]
-            raise InputError(f"{store.path}: found {found} (method {method}), expected a nested method that keeps faces adjacent")
+            raise InputError(
+                f"{store.path}: found {found} (method {method}), expected a nested method that keeps faces adjacent"
+            )
 
 
 def _first_level(store: Store, nodes: _Nodes, bbox: Any) -> _Faces:
@@ -275,7 +275,7 @@ def _weigh(
     near: Floats, need: Need, ladder: _Ladder, morph: float,
 ) -> None:  # fmt: skip
     """Give weights and heights to nodes that are new at the next level."""
-    rows = {name: nodes.rows[name][known:] for name in ("x", "y", "z", "z_parent", "level")}
+    rows = {name: nodes.rows[name][known:] for name in ("z", "z_parent", "level")}
     if not ((rows["level"] == level + 1) & np.isfinite(rows["z_parent"])).all():
         message = "found children with corners that are none of their parent and not new at their level"
         raise StoreFormatError(str(store.path), f"level {level + 1}", message, "R-181")
@@ -292,13 +292,8 @@ def _weigh(
     with np.errstate(divide="ignore", invalid="ignore"):
         weight = np.where(distance <= full, 1.0, np.clip((none - distance) / (none - full), 0.0, 1.0))
     weight = np.where((distance > full) & (none <= full), 0.0, weight)
-    _, first = np.unique(node, return_index=True)
-    corners = faces.nodes[owner[first]]
-    places = np.stack([rows["x"], rows["y"]], axis=1)
-    shift = (nodes.height - nodes.rows["z"][:known])[corners]
-    under = (barycentric(nodes.xyz()[corners], places) * shift).sum(axis=1)
     nodes.weight = np.concatenate([nodes.weight, weight])
-    nodes.height = np.concatenate([nodes.height, rows["z_parent"] + under + weight * rise])
+    nodes.height = np.concatenate([nodes.height, rows["z_parent"] + weight * rise])
 
 
 def _bound(nodes: _Nodes, face_nodes: NDArray[np.int32], level: int, error: Floats, of_parent: Floats) -> Floats:
@@ -329,35 +324,3 @@ def _joined(store: Store, nodes: _Nodes, parts: list[_Faces], need: Need) -> Tin
     attributes = {name: values[source] for name, values in of_face.items()}
     known = {name: nodes.rows[name][used] for name in ("node_id", "level", "z", "z_parent")}
     return Tin(xyz, face_nodes, attributes, {**known, "weight": nodes.weight[used]}, crs=store.crs)
-
-
-def _screen_share(screen_error: float, fov: float, screen_height: int) -> float:
-    """Error allowed per distance."""
-    if not (0.0 < screen_error < math.inf and 0.0 < fov < 180.0 and screen_height >= 1):
-        found = f"{screen_error} pixels, {fov}° and {screen_height} pixels"
-        raise InputError(f"cut: found {found}, expected a screen error above 0, a field of view below 180°, a height of 1 or more")
-    return screen_error * 2.0 * math.tan(math.radians(fov) / 2.0) / screen_height
-
-
-def _checked_eye(eye: Any) -> tuple[float, float, float]:
-    """Return the place of an eye."""
-    place = np.asarray(eye, np.float64)
-    if place.shape != (3,) or not np.isfinite(place).all():
-        raise InputError(f"eye: found {eye}, expected x, y and z")
-    x, y, z = place.tolist()
-    return x, y, z
-
-
-def _checked_errors(error: float, growth: float) -> tuple[float, float]:
-    """Return what is allowed in the focus, and how it grows."""
-    if not (0.0 <= error < math.inf and growth > 0.0):
-        raise InputError(f"cut: found an error of {error} m that grows by {growth}, expected 0 or more and a growth above 0")
-    return error, growth
-
-
-def _checked_focus(store: Store, focus: Any, metres: tuple[float, float]) -> Any:
-    """Return the focus, or the whole extent, scaled to metres."""
-    area = shapely.box(*store.extent) if focus is None else focus
-    if not isinstance(area, shapely.Polygon | shapely.MultiPolygon) or area.is_empty or not area.is_valid:
-        raise InputError(f"focus: found {str(focus)[:60]}, expected a valid polygon that is not empty")
-    return shapely.transform(area, lambda places: places * metres)

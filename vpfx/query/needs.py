@@ -11,7 +11,9 @@ import shapely
 from numba import njit
 from numpy.typing import NDArray
 
-__all__ = ["Eye", "Focus", "Need"]
+from vpfx.errors import InputError
+
+__all__ = ["Eye", "Focus", "Need", "checked_errors", "checked_eye", "checked_focus", "screen_share"]
 
 Floats = NDArray[np.float64]
 NOWHERE = -1.0  # less than any distance
@@ -134,3 +136,38 @@ def _to_origin(corner):  # type: ignore[no-untyped-def]
             least = min(least, np.hypot(ax + along * wx, ay + along * wy))
         found[face] = 0.0 if is_inside else least
     return found
+
+
+def screen_share(screen_error: float, fov: float, screen_height: int) -> float:
+    """Error allowed per distance."""
+    if not (0.0 < screen_error < math.inf and 0.0 < fov < 180.0 and screen_height >= 1):
+        found = f"{screen_error} pixels, {fov}° and {screen_height} pixels"
+        raise InputError(
+            f"cut: found {found}, expected a screen error above 0, a field of view below 180°, a height of 1 or more"
+        )
+    return screen_error * 2.0 * math.tan(math.radians(fov) / 2.0) / screen_height
+
+
+def checked_eye(eye: Any) -> tuple[float, float, float]:
+    """Return the place of an eye."""
+    place = np.asarray(eye, np.float64)
+    if place.shape != (3,) or not np.isfinite(place).all():
+        raise InputError(f"eye: found {eye}, expected x, y and z")
+    x, y, z = place.tolist()
+    return x, y, z
+
+
+def checked_errors(error: float, growth: float) -> tuple[float, float]:
+    """Return what is allowed in the focus, and how it grows."""
+    if not (0.0 <= error < math.inf and growth > 0.0):
+        raise InputError(
+            f"cut: found an error of {error} m that grows by {growth}, expected 0 or more and a growth above 0"
+        )
+    return error, growth
+
+
+def checked_focus(area: Any, metres: tuple[float, float]) -> Any:
+    """Return a focus, scaled to metres."""
+    if not isinstance(area, shapely.Polygon | shapely.MultiPolygon) or area.is_empty or not area.is_valid:
+        raise InputError(f"focus: found {str(area)[:60]}, expected a valid polygon that is not empty")
+    return shapely.transform(area, lambda places: places * metres)

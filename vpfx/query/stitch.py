@@ -31,8 +31,7 @@ def stitch(nodes: NDArray[np.float64], face_nodes: Faces) -> tuple[Faces, NDArra
 
     Notes
     -----
-    No node is added: a face with n nodes inside its edges becomes n + 1. Cost: O(n_face), and O(n log n) in the edges that do not
-    fit.
+    No node is added: a face with n nodes inside its edges becomes n + 1. Cost: O(n_face), O(n log n) in edges that do not fit.
 
     Examples
     --------
@@ -59,15 +58,15 @@ def stitch(nodes: NDArray[np.float64], face_nodes: Faces) -> tuple[Faces, NDArra
 
 @njit(nogil=True, cache=True)
 def _cut_faces(face_nodes, first, node, pieces):  # type: ignore[no-untyped-def]
-    """Fill the pieces of faces; nodes inside side i of face f are ``node[first[f, i]:first[f, i + 1]]``, in its direction.
+    r"""Fill the pieces of faces; nodes inside side i of face f are ``node[first[f, i]:first[f, i + 1]]``, in its direction.
 
     Where one side has none, the corner across it is the apex of a strip between the two others. Else the middle nodes p, q
     and r of the three sides make one piece, and each corner the apex of a strip up to them::
 
               c
-             / \\           strip from a up to p and r:
+             / \           strip from a up to p and r:
             r---q            a, p1, p2 … p  along the first side
-           / \\ / \\          a, r1, r2 … r  along the third, backwards
+           / \ / \          a, r1, r2 … r  along the third, backwards
           a---p---b
     """
     done = 0
@@ -80,13 +79,17 @@ def _cut_faces(face_nodes, first, node, pieces):  # type: ignore[no-untyped-def]
                 empty = i
         if empty >= 0:
             apex = (empty + 2) % 3
-            done = _strip(face_nodes[face], low, high, node, apex, high[apex], low[(apex + 2) % 3] - 1, chain, pieces, done)
+            done = _strip(
+                face_nodes[face], low, high, node, apex, high[apex], low[(apex + 2) % 3] - 1, chain, pieces, done
+            )
             continue
         middle = (low + high) // 2
         pieces[done] = node[middle[0]], node[middle[1]], node[middle[2]]
         done += 1
         for apex in range(3):
-            done = _strip(face_nodes[face], low, high, node, apex, middle[apex], middle[(apex + 2) % 3], chain, pieces, done)
+            done = _strip(
+                face_nodes[face], low, high, node, apex, middle[apex], middle[(apex + 2) % 3], chain, pieces, done
+            )
 
 
 @njit(nogil=True, cache=True)

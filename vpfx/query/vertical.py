@@ -11,7 +11,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vpfx.errors import InputError
-from vpfx.store.arrays import runs_of
 from vpfx.store.store import Store
 
 __all__ = ["Related", "children", "descendants", "parents", "related", "siblings"]
@@ -127,22 +126,10 @@ def _checked(store: Store, face_ids: Any) -> Ids:
 def _step(store: Store, ids: Ids, way: str) -> Related:
     """Follow links one level up or down."""
     wanted, index = np.unique(ids, return_inverse=True)
-    pairs = _links(store, wanted, way)
+    pairs = store.linked("child_face" if way == "up" else "parent_face", wanted)
     low, high = (np.searchsorted(pairs[:, 0], wanted, side=side) for side in ("left", "right"))
     count = (high - low)[index]
     owner = np.repeat(np.arange(len(ids)), count)
     first = np.cumsum(count) - count
     place = low[index][owner] + np.arange(len(owner)) - first[owner]
     return Related(owner, pairs[place, 1])
-
-
-def _links(store: Store, ids: Ids, way: str) -> Ids:
-    """Pairs of an id and its parent, or child, (n, 2), sorted; ids ascending."""
-    own, other = ("child_face", "parent_face") if way == "up" else ("parent_face", "child_face")
-    query = f"SELECT {own}, {other} FROM parent_child WHERE {own} BETWEEN ? AND ? ORDER BY {own}, {other}"
-    found = [np.empty((0, 2), np.int64)]
-    for run in runs_of(ids):
-        columns = store.select(query, run)
-        found.append(np.stack([columns[own], columns[other]], axis=1))
-    pairs = np.concatenate(found)
-    return pairs[np.isin(pairs[:, 0], ids)]

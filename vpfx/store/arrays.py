@@ -12,14 +12,21 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vpfx.errors import StoreError, StoreFormatError
+from vpfx.store.page_pairs import read_pairs
 from vpfx.store.page_reader import OTHER, PAGE, REAL, WHOLE, Pages, find_leaves, read_records
 
 __all__ = ["NONE_ID", "TableReader", "look_up", "runs_of", "to_array"]
 
 NONE_ID = -1  # stands for NULL in integer columns of arrays
 MOST_SKIPPED = 256  # ids between two rows that are read in one sweep
+NO_IDS = 1, 0  # an empty run
+LINKS = {"child_face": ("parent_child", "parent_face"), "parent_face": ("parent_child_by_parent", "child_face")}
+"""Columns of links: the B-tree that is sorted by it, and the other column."""
 KINDS = {"INTEGER": WHOLE, "DOUBLE": REAL}
+COOKIE = slice(40, 44)  # bytes of the header that change with the schema
 WAL = 2  # read version in the header of a file whose newest pages may lie in another one
+
+Runs = list[tuple[int, int]]
 
 
 class TableReader:
@@ -41,19 +48,19 @@ class TableReader:
     def __init__(self, connection: sqlite3.Connection, path: Path) -> None:
         self._connection, self._path = connection, path
         self._pages = Pages(path)
-        self._roots: dict[str, int] = dict(
-            connection.execute("SELECT name, rootpage FROM sqlite_schema WHERE type = 'table'").fetchall()
-        )
+        self._roots: dict[str, int] = {}
         self._columns: dict[str, list[tuple[str, int]]] = {}
+        self._cookie = b""  # of the schema when the roots were read: VACUUM moves them
 
-    def rows(self, table: str, low: int, high: int) -> dict[str, NDArray[Any]]:
-        """Rows with ids from low to high, in their order.
+    def rows(self, table: str, runs: Runs) -> dict[str, NDArray[Any]]:
+        """Rows with ids of some runs, in their order.
 
         Parameters
         ----------
         table : str
             A table of the schema with an integer key.
-        low, high : int
+        runs : list of (int, int)
+            First and last id of each, ascending.
 
         Returns
         -------
@@ -69,18 +76,69 @@ class TableReader:
         """
         with self._held() as data:
             columns = self._columns_of(table)
-            if data is None:
-                return self._by_sql(table, columns, low, high)
-            leaves, most = find_leaves(data, self._roots[table], low, high)
-            kinds = np.array([OTHER if i == 0 else kind for i, (_, kind) in enumerate(columns)])
-            room = max(most, 0)
-            wholes = np.empty((int((kinds == WHOLE).sum()), room), np.int64)
-            reals, ids = np.empty((int((kinds == REAL).sum()), room)), np.empty(room, np.int64)
-            count = most if most < 0 else read_records(data, leaves, low, high, kinds, wholes, reals, ids)
+            parts = [self._run(data, table, columns, *run) for run in runs or [NO_IDS]]
+        return parts[0] if len(parts) == 1 else {n: np.concatenate([part[n] for part in parts]) for n in parts[0]}
+
+    def links(self, own: str, runs: Runs) -> NDArray[np.int64]:
+        """Pairs of linked faces.
+
+        Parameters
+        ----------
+        own : str
+            ``child_face`` or ``parent_face``: the column that the runs are about.
+        runs : list of (int, int)
+            First and last id of each, ascending.
+
+        Returns
+        -------
+        int64 (n, 2)
+            That column and the other, ascending.
+
+        Raises
+        ------
+        StoreError, StoreFormatError
+            As of `rows`.
+        """
+        index, other = LINKS[own]
+        query = f"SELECT {own}, {other} FROM parent_child WHERE {own} BETWEEN ? AND ? ORDER BY {own}, {other}"
+        found = [np.empty((0, 2), np.int64)]
+        with self._held() as data:
+            for run in runs:
+                if data is None:
+                    rows = self._connection.execute(query, run).fetchall()
+                    found.append(self._whole_numbers(rows, "parent_child"))
+                    continue
+                pairs, count = read_pairs(data, self._roots[index], *run)
+                self._check(count, index)
+                found.append(pairs[:count])
+        return np.concatenate(found)
+
+    def _whole_numbers(self, rows: list[tuple[Any, ...]], table: str) -> NDArray[np.int64]:
+        """Pairs of SQL as an array."""
+        if not all(isinstance(value, int) for row in rows for value in row):
+            message = "found a value that is no whole number"
+            raise StoreFormatError(str(self._path), f"table {table}", message, "R-102")
+        return np.array(rows, np.int64).reshape(-1, 2)
+
+    def _check(self, count: int, table: str) -> None:
+        """Refuse what a kernel found broken."""
         if count < 0:
-            raise StoreFormatError(
-                str(self._path), f"table {table}", "found a broken page, expected a sound file", "R-100"
-            )
+            message = "found a broken page, expected a sound file"
+            raise StoreFormatError(str(self._path), f"table {table}", message, "R-100")
+
+    def _run(
+        self, data: NDArray[np.uint8] | None, table: str, columns: list[tuple[str, int]], low: int, high: int
+    ) -> dict[str, NDArray[Any]]:
+        """Rows of one run."""
+        if data is None:
+            return self._by_sql(table, columns, low, high)
+        leaves, most = find_leaves(data, self._roots[table], low, high)
+        kinds = np.array([OTHER if i == 0 else kind for i, (_, kind) in enumerate(columns)])
+        room = max(most, 0)
+        wholes = np.empty((int((kinds == WHOLE).sum()), room), np.int64)
+        reals, ids = np.empty((int((kinds == REAL).sum()), room)), np.empty(room, np.int64)
+        count = most if most < 0 else read_records(data, leaves, low, high, kinds, wholes, reals, ids)
+        self._check(count, table)
         found, n_whole, n_real = {columns[0][0]: ids[:count].copy()}, 0, 0
         for name, kind in columns[1:]:
             if kind == WHOLE:
@@ -107,12 +165,19 @@ class TableReader:
                 data = self._pages.bytes
                 if count == self._pages.count:
                     (mode,) = self._connection.execute("PRAGMA journal_mode").fetchone()
+                    self._read_roots(data[COOKIE].tobytes())
                     is_sure = mode != "wal" and data[19] != WAL and int.from_bytes(data[16:18].tobytes(), "big") == PAGE
                     yield data if is_sure else None
                     return
             finally:
                 self._connection.execute("COMMIT")
             self._pages = Pages(self._path)  # the file has grown or shrunk since it was mapped
+
+    def _read_roots(self, cookie: bytes) -> None:
+        """Read where tables and indexes begin, if the schema is not the one known."""
+        if cookie != self._cookie:
+            query = "SELECT name, rootpage FROM sqlite_schema WHERE rootpage > 0"
+            self._roots, self._columns, self._cookie = dict(self._connection.execute(query).fetchall()), {}, cookie
 
     def _lock(self) -> None:
         """Take SQLite's shared lock, which a transaction gets with its first read."""

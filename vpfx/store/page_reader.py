@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from vpfx.store.page_cells import INNER_INDEX, INNER_TABLE, LEAF_TABLE
 
-__all__ = ["PAGE", "Pages", "find_leaves", "read_records"]
+__all__ = ["IS_BROKEN", "PAGE", "Pages", "find_leaves", "head_of", "read_records", "size_of", "varint", "whole"]
 
 PAGE = 4096
 FILE_HEADER = 100  # bytes, on the first page
@@ -48,7 +48,7 @@ class Pages:
 
 
 @njit(nogil=True, cache=True)
-def _varint(data, at, stop):
+def varint(data, at, stop):
     """Return the variable-length integer at a byte and its end; the end is negative if it runs over."""
     value = np.int64(0)
     for i in range(9):
@@ -76,7 +76,7 @@ def _big_endian(data, at, n):
 
 
 @njit(nogil=True, cache=True)
-def _head(data, page):
+def head_of(data, page):
     """Return kind, number of cells, and the place of the pointers of a page."""
     base = (page - 1) * PAGE + (FILE_HEADER if page == 1 else 0)
     kind = data[base]
@@ -117,7 +117,7 @@ def find_leaves(data, root, low, high):
         seen += 1
         if page < 1 or page > n_page or seen > n_page:
             return leaves[:0], IS_BROKEN
-        kind, n_cell, pointers = _head(data, page)
+        kind, n_cell, pointers = head_of(data, page)
         if kind == LEAF_TABLE:
             if count == len(leaves):
                 grown = np.empty(2 * count, np.int64)
@@ -138,7 +138,7 @@ def find_leaves(data, root, low, high):
                 at = start + (np.int64(data[pointers + 2 * i]) << 8 | np.int64(data[pointers + 2 * i + 1]))
                 if at + 4 > page * PAGE:
                     return leaves[:0], IS_BROKEN
-                last, end = _varint(data, at + 4, page * PAGE)
+                last, end = varint(data, at + 4, page * PAGE)
                 if end < 0:
                     return leaves[:0], IS_BROKEN
             else:
@@ -182,22 +182,22 @@ def read_records(data, leaves, low, high, kinds, wholes, reals, ids):
     """
     count = 0
     for page in leaves:
-        kind, n_cell, pointers = _head(data, page)
+        kind, n_cell, pointers = head_of(data, page)
         start, stop = (page - 1) * PAGE, page * PAGE
         if kind != LEAF_TABLE:
             return IS_BROKEN
         for i in range(n_cell):
             at = start + (np.int64(data[pointers + 2 * i]) << 8 | np.int64(data[pointers + 2 * i + 1]))
-            n_byte, at = _varint(data, at, stop)
+            n_byte, at = varint(data, at, stop)
             if at < 0:
                 return IS_BROKEN
-            row, at = _varint(data, at, stop)
+            row, at = varint(data, at, stop)
             if at < 0 or n_byte < 1 or n_byte > stop - at:
                 return IS_BROKEN
             if row < low or row > high:
                 continue
             end = at + n_byte
-            n_head, types = _varint(data, at, end)
+            n_head, types = varint(data, at, end)
             body = at + n_head
             if types < 0 or n_head < 1 or body > end or count >= len(ids):
                 return IS_BROKEN
@@ -206,16 +206,16 @@ def read_records(data, leaves, low, high, kinds, wholes, reals, ids):
             for column in range(len(kinds)):
                 if types >= at + n_head:
                     return IS_BROKEN
-                code, types = _varint(data, types, at + n_head)
+                code, types = varint(data, types, at + n_head)
                 if types < 0 or code < 0:
                     return IS_BROKEN
-                size = _size_of(code)
+                size = size_of(code)
                 if size > end - body:
                     return IS_BROKEN
                 if kinds[column] == WHOLE:
                     if code > 9 or code == 7:
                         return IS_BROKEN
-                    wholes[n_whole, count] = NULL_INT if code == 0 else _whole(data, body, code)
+                    wholes[n_whole, count] = NULL_INT if code == 0 else whole(data, body, code)
                     n_whole += 1
                 elif kinds[column] == REAL:
                     if code > 9:
@@ -226,7 +226,7 @@ def read_records(data, leaves, low, high, kinds, wholes, reals, ids):
                         bits[0] = _big_endian(data, body, 8)
                         value = bits.view(np.float64)[0]
                     elif code > 0:
-                        value = float(_whole(data, body, code))
+                        value = float(whole(data, body, code))
                     reals[n_real, count] = value
                     n_real += 1
                 body += size
@@ -235,7 +235,7 @@ def read_records(data, leaves, low, high, kinds, wholes, reals, ids):
 
 
 @njit(nogil=True, cache=True)
-def _size_of(code):
+def size_of(code):
     """Return the bytes of a value by its serial type."""
     if code >= 12:
         return (code - 12) // 2
@@ -247,8 +247,8 @@ def _size_of(code):
 
 
 @njit(nogil=True, cache=True)
-def _whole(data, at, code):
+def whole(data, at, code):
     """Return the whole number of a serial type."""
     if code >= 8:
         return np.int64(code - 8)
-    return _big_endian(data, at, _size_of(code))
+    return _big_endian(data, at, size_of(code))

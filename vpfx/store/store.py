@@ -24,7 +24,6 @@ from vpfx.store.geopackage import APPLICATION_ID
 
 __all__ = ["Store", "open_store"]
 
-NO_IDS = 1, 0  # an empty range
 _CORE = (
     "metadata",
     "source",
@@ -252,8 +251,7 @@ class Store:
         if table not in _RANGED:
             raise InputError(f"table: found {table!r}, expected one of: {', '.join(_RANGED)}")
         wanted, index = np.unique(np.asarray(ids, np.int64).ravel(), return_inverse=True)
-        parts = [self._reader.rows(table, *run) for run in runs_of(wanted) or [NO_IDS]]
-        rows = {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
+        rows = self._reader.rows(table, runs_of(wanted))
         at, is_there = look_up(rows[f"{table}_id"], wanted)
         if not is_there.all():
             raise NotFoundError(f"{self.path}: found no {table} {wanted[~is_there][0]}")
@@ -327,7 +325,25 @@ class Store:
         """Rows of the faces of one level and tile, as of `fetch`."""
         query = "SELECT first_face, last_face FROM tile_level WHERE tile_id = ? AND level = ?"
         first, last = self._connection.execute(query, (tile_id, level)).fetchone()
-        return self._reader.rows("face", *(NO_IDS if first is None else (first, last)))
+        return self._reader.rows("face", [] if first is None else [(first, last)])
+
+    def linked(self, own: str, ids: Any) -> NDArray[np.int64]:
+        """Pairs of the ids of some faces and those of their parents or children.
+
+        Parameters
+        ----------
+        own : str
+            ``child_face`` to find the parents of the faces, ``parent_face`` to find their children.
+        ids : int64 (n,)
+            Ascending, each once.
+
+        Returns
+        -------
+        int64 (n_pair, 2)
+            Ascending.
+        """
+        pairs = self._reader.links(own, runs_of(ids))
+        return pairs[look_up(ids, pairs[:, 0])[1]]
 
     def check_level(self, level: int) -> None:
         """Refuse a level that is not there.

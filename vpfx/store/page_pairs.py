@@ -1,0 +1,119 @@
+"""Pairs of ids as arrays, taken from the pages of an index: `parent_child` by child and by parent.
+
+The tables and indexes of links are B-trees of records with two integers and nothing else. As in `vpfx.store.page_reader`, every
+page, pointer and length is checked before it is followed.
+
+Source: "SQLite file format", sqlite.org/fileformat2.html, §1.6, §2.1.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+
+from vpfx.store.page_cells import INNER_INDEX, LEAF_INDEX
+from vpfx.store.page_reader import IS_BROKEN, PAGE, head_of, size_of, varint, whole
+
+__all__ = ["read_pairs"]
+
+MOST_DEEP = 64  # pages from the root to a leaf; SQLite has 20 at most
+
+
+@njit(nogil=True, cache=True)
+def read_pairs(data, root, low, high):
+    """Decode the pairs of an index whose first number lies in a range.
+
+    Parameters
+    ----------
+    data : uint8 (n_page * PAGE,)
+    root : int
+        Page of the index.
+    low, high : int
+
+    Returns
+    -------
+    int64 (room, 2), int
+        Pairs, ascending, and how many of them count; -1 if the tree or a record is broken.
+
+    Notes
+    -----
+    Cost: O(pages that hold the range + depth of the tree).
+    """
+    n_page = len(data) // PAGE
+    found, count = np.empty((64, 2), np.int64), 0
+    pages, states = np.empty(MOST_DEEP, np.int64), np.empty(MOST_DEEP, np.int64)
+    pages[0], states[0], depth, seen = root, 0, 1, 0
+    while depth > 0:
+        page, state = pages[depth - 1], states[depth - 1]
+        if page < 1 or page > n_page:
+            return found, IS_BROKEN
+        kind, n_cell, pointers = head_of(data, page)
+        start, stop = (page - 1) * PAGE, page * PAGE
+        if kind == LEAF_INDEX:
+            for i in range(n_cell):
+                at = start + (np.int64(data[pointers + 2 * i]) << 8 | np.int64(data[pointers + 2 * i + 1]))
+                first, second, is_sound = _pair_at(data, at, stop)
+                if not is_sound:
+                    return found, IS_BROKEN
+                if low <= first <= high:
+                    found, count = _put(found, count, first, second)
+            depth -= 1
+            continue
+        if kind != INNER_INDEX:
+            return found, IS_BROKEN
+        i = state // 2  # state 2 i: before child i, 2 i + 1: before the record between children i and i + 1
+        at = pointers - 4
+        first, second = np.iinfo(np.int64).max, np.int64(0)
+        if i < n_cell:
+            at = start + (np.int64(data[pointers + 2 * i]) << 8 | np.int64(data[pointers + 2 * i + 1]))
+            first, second, is_sound = _pair_at(data, at + 4, stop)
+            if not is_sound:
+                return found, IS_BROKEN
+        states[depth - 1] += 1
+        if state % 2 == 1:
+            if i == n_cell or first > high:
+                depth -= 1
+            elif first >= low:
+                found, count = _put(found, count, first, second)
+        elif first >= low:
+            seen += 1
+            if depth == MOST_DEEP or seen > n_page:
+                return found, IS_BROKEN
+            child = np.int64(0)
+            for b in range(4):
+                child = child << 8 | np.int64(data[at + b])
+            pages[depth], states[depth] = child, 0
+            depth += 1
+    return found, count
+
+
+@njit(nogil=True, cache=True)
+def _pair_at(data, at, stop):
+    """Return the two integers of the record at a byte, and whether it is one."""
+    broken = np.int64(0), np.int64(0), False
+    n_byte, at = varint(data, at, stop)
+    if at < 0 or n_byte < 3 or n_byte > stop - at:
+        return broken
+    end = at + n_byte
+    n_head, types = varint(data, at, end)
+    body = at + n_head
+    if types < 0 or n_head != 3 or body > end:
+        return broken
+    code, other = np.int64(data[types]), np.int64(data[types + 1])
+    for one in (code, other):
+        if one == 0 or one == 7 or one > 9:
+            return broken
+    if body + size_of(code) + size_of(other) > end:
+        return broken
+    return whole(data, body, code), whole(data, body + size_of(code), other), True
+
+
+@njit(nogil=True, cache=True)
+def _put(found, count, first, second):
+    """Append a pair; return the array, grown if it was full, and the count."""
+    if count == len(found):
+        grown = np.empty((2 * count, 2), np.int64)
+        grown[:count] = found
+        found = grown
+    found[count] = first, second
+    return found, count + 1
