@@ -208,6 +208,50 @@ def test_zooming(world):
         assert vertical.descendants(store, faces, level).tolist() == together
 
 
+def clipped_area(one, other):
+    """Area that two triangles share, clipped side by side (Sutherland and Hodgman)."""
+    polygon = [tuple(map(float, place)) for place in one]
+    for i in range(3):
+        (ax, ay), (bx, by) = other[i], other[(i + 1) % 3]
+        off = [(bx - ax) * (y - ay) - (by - ay) * (x - ax) for x, y in polygon]
+        kept = []
+        for j, (place, here) in enumerate(zip(polygon, off, strict=True)):
+            before, there = polygon[j - 1], off[j - 1]
+            if here * there < 0:
+                t = there / (there - here)
+                kept.append((before[0] + t * (place[0] - before[0]), before[1] + t * (place[1] - before[1])))
+            if here >= 0:
+                kept.append(place)
+        polygon = kept
+    return abs(sum(a[0] * b[1] - b[0] * a[1] for a, b in zip(polygon, polygon[1:] + polygon[:1], strict=True))) / 2
+
+
+def test_shared_areas(world):
+    """Areas that faces share with parents, children and faces of any level, against triangles clipped one by one."""
+    store, tables = world
+    x0, y0 = store.extent[:2]
+    places = {
+        face: [(tables.places[node][0] - x0, tables.places[node][1] - y0) for node in corners]
+        for face, corners in tables.corners.items()
+    }
+    faces = np.random.default_rng(6).permutation(list(tables.corners))[:25]
+    asked = [(vertical.parents, ()), (vertical.children, ())]
+    asked += [(vertical.related, (level,)) for level in range(len(store.levels))]
+    for ask, level in asked:
+        plain = ask(store, faces, *level)
+        found = ask(store, faces, *level, with_area=True)
+        areas = dict(zip(zip(found.of.tolist(), found.face_ids.tolist(), strict=True), found.area, strict=True))
+        assert len(areas) == len(found.of)
+        for of, other in zip(plain.of.tolist(), plain.face_ids.tolist(), strict=True):
+            expected = clipped_area(places[int(faces[of])], places[other])
+            assert areas.pop((of, other), 0.0) == pytest.approx(expected, rel=1e-6, abs=1e-4)
+        assert not areas
+        whole = np.array([clipped_area(places[face], places[face]) for face in faces.tolist()])
+        is_asked = np.isin(np.arange(len(faces)), found.of)
+        covered = np.bincount(found.of, found.area, minlength=len(faces))
+        np.testing.assert_allclose(covered[is_asked], whole[is_asked], rtol=1e-6)
+
+
 def test_nothing_is_asked(world):
     store, _ = world
     assert horizontal.edge_neighbours(store, []).shape == (0, 3)
@@ -218,6 +262,8 @@ def test_nothing_is_asked(world):
     assert horizontal.flood(store, [], lambda rows: rows["face_id"] > 0).tolist() == []
     for ask in (vertical.parents, vertical.children, vertical.siblings):
         assert ask(store, []).face_ids.tolist() == []
+        assert len(ask(store, []).of) == 0
+    assert vertical.related(store, [], 0, with_area=True).area.tolist() == []
     assert vertical.descendants(store, [], 0).tolist() == []
 
 

@@ -8,14 +8,18 @@ from __future__ import annotations
 from typing import Any, NamedTuple
 
 import numpy as np
+import shapely
 from numpy.typing import NDArray
 
 from vpfx.errors import InputError
+from vpfx.geometry import LEAST_SHARED
+from vpfx.query.location import mesh_of
 from vpfx.store.store import Store
 
 __all__ = ["Related", "children", "descendants", "parents", "related", "siblings"]
 
 Ids = NDArray[np.int64]
+Floats = NDArray[np.float64]
 
 
 class Related(NamedTuple):
@@ -27,35 +31,54 @@ class Related(NamedTuple):
         Place of the first in what was asked.
     face_ids : int64 (n_pair,)
         The second.
+    area : float64 (n_pair,), optional
+        What the two share, squared CRS units; only if asked for.
     """
 
     of: Ids
     face_ids: Ids
+    area: Floats | None = None
 
 
-def parents(store: Store, face_ids: Any) -> Related:
+def parents(store: Store, face_ids: Any, *, with_area: bool = False) -> Related:
     """Faces of the level before that share area with each face; none on level 0.
 
+    Parameters
+    ----------
+    face_ids : integers (n,)
+    with_area : bool
+        Tell how much area they share.
+
     Raises
     ------
     NotFoundError
         There is no such face.
     """
-    return _step(store, _checked(store, face_ids), "up")
+    ids = _checked(store, face_ids)
+    found = _step(store, ids, "up")
+    return _measured(store, ids, found) if with_area else found
 
 
-def children(store: Store, face_ids: Any) -> Related:
+def children(store: Store, face_ids: Any, *, with_area: bool = False) -> Related:
     """Faces of the next level that share area with each face; none on the last level.
 
+    Parameters
+    ----------
+    face_ids : integers (n,)
+    with_area : bool
+        Tell how much area they share.
+
     Raises
     ------
     NotFoundError
         There is no such face.
     """
-    return _step(store, _checked(store, face_ids), "down")
+    ids = _checked(store, face_ids)
+    found = _step(store, ids, "down")
+    return _measured(store, ids, found) if with_area else found
 
 
-def related(store: Store, face_ids: Any, level: int) -> Related:
+def related(store: Store, face_ids: Any, level: int, *, with_area: bool = False) -> Related:
     """Ancestors, or descendants, of each face at a level; the face itself at its own.
 
     Parameters
@@ -63,6 +86,8 @@ def related(store: Store, face_ids: Any, level: int) -> Related:
     face_ids : integers (n,)
         Of one level or several.
     level : int
+    with_area : bool
+        Tell how much area they share.
 
     Raises
     ------
@@ -71,17 +96,20 @@ def related(store: Store, face_ids: Any, level: int) -> Related:
 
     Notes
     -----
-    In a pyramid these are the faces reached over links, level by level; they need not share area over more than one.
+    In a pyramid these are the faces reached over links, level by level; over more than one they need not share area. With
+    `with_area` those that share none are left out.
     """
     store.check_level(level)
     ids = _checked(store, face_ids)
     at = store.fetch("face", ids)["level"]
     index, current = np.arange(len(ids)), ids
     done = []
-    while len(index):
+    while True:
         is_there = at == level
         done.append((index[is_there], current[is_there]))
         index, current, at = index[~is_there], current[~is_there], at[~is_there]
+        if len(index) == 0:
+            break
         moved = [(_step(store, current[way], name), way, change) for way, name, change in (
             (np.flatnonzero(at > level), "up", -1), (np.flatnonzero(at < level), "down", 1))]  # fmt: skip
         at = np.concatenate([at[way][step.of] + change for step, way, change in moved])
@@ -89,14 +117,10 @@ def related(store: Store, face_ids: Any, level: int) -> Related:
             np.concatenate([index[way][step.of] for step, way, _ in moved]),
             np.concatenate([step.face_ids for step, _, _ in moved]),
         )
-        pairs = np.unique(np.stack([index, current, at], axis=1), axis=0) if len(index) else np.empty((0, 3), np.int64)
-        index, current, at = pairs.T
-    pairs = (
-        np.unique(np.concatenate([np.stack(pair, axis=1) for pair in done]), axis=0)
-        if done
-        else np.empty((0, 2), np.int64)
-    )
-    return Related(pairs[:, 0], pairs[:, 1])
+        index, current, at = np.unique(np.stack([index, current, at], axis=1), axis=0).T
+    pairs = np.unique(np.concatenate([np.stack(pair, axis=1) for pair in done]), axis=0)
+    found = Related(pairs[:, 0], pairs[:, 1])
+    return _measured(store, ids, found) if with_area else found
 
 
 def descendants(store: Store, face_ids: Any, level: int) -> Ids:
@@ -133,3 +157,13 @@ def _step(store: Store, ids: Ids, way: str) -> Related:
     first = np.cumsum(count) - count
     place = low[index][owner] + np.arange(len(owner)) - first[owner]
     return Related(owner, pairs[place, 1])
+
+
+def _measured(store: Store, ids: Ids, found: Related) -> Related:
+    """Add the areas that pairs share, by GEOS; pairs that only touch are left out."""
+    each, place = np.unique(np.concatenate([ids[found.of], found.face_ids]), return_inverse=True)
+    nodes, face_nodes = mesh_of(store, store.fetch("face", each))
+    one, other = shapely.polygons(nodes[:, :2][face_nodes[:, [0, 1, 2, 0]]])[place.reshape(2, -1)]
+    area = shapely.area(shapely.intersection(one, other))
+    is_shared = area > LEAST_SHARED * np.minimum(shapely.area(one), shapely.area(other))
+    return Related(found.of[is_shared], found.face_ids[is_shared], area[is_shared])
