@@ -8,7 +8,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from vpfx.errors import InputError
+from vpfx.errors import InputError, StoreFormatError
 from vpfx.geometry import ON_EDGE, heights_on_faces
 from vpfx.store.store import Store
 from vpfx.topology import NONE
@@ -70,21 +70,51 @@ def locate(store: Store, places: Any, level: int) -> Located:
         raise InputError(f"places: found an array of shape {xy.shape}, expected (n, 2) finite numbers")
     face_ids, z = np.full(len(xy), NONE, np.int64), np.full(len(xy), np.nan)
     tiles = store.tiles()
-    corners = np.array([[tiles["xmin"], tiles["ymin"]], [tiles["xmax"], tiles["ymax"]]]).transpose(0, 2, 1)
-    for k in range(len(tiles["tile_id"])):
-        low, high = corners[:, k]
-        some = np.flatnonzero((face_ids == NONE) & ((xy >= low) & (xy <= high)).all(axis=1))
-        if len(some) == 0:
-            continue
-        faces = store.tile_faces(level, int(tiles["tile_id"][k]))
-        if len(faces["face_id"]) == 0:
-            continue
-        nodes, face_nodes = mesh_of(store, faces)
-        found = _find(np.ascontiguousarray(xy[some]), nodes, face_nodes, *_bins(nodes, face_nodes, low, high))
-        is_found = found != NONE
-        face_ids[some[is_found]] = faces["face_id"][found[is_found]]
-        z[some[is_found]] = heights_on_faces(nodes, face_nodes, found[is_found], xy[some[is_found]])
+    for tile_of_place in _tiles_at(store, tiles, xy):
+        open_places = np.flatnonzero((face_ids == NONE) & (tile_of_place != NONE))
+        open_places = open_places[np.argsort(tile_of_place[open_places], kind="stable")]
+        touched, first = np.unique(tile_of_place[open_places], return_index=True)
+        last = np.append(first, len(open_places))[1:]
+        for tile, low, high in zip(touched.tolist(), first.tolist(), last.tolist(), strict=True):
+            some = open_places[low:high]
+            ids, nodes, face_nodes, *bins = _binned(store, level, tiles, tile)
+            found = _find(np.ascontiguousarray(xy[some]), nodes, face_nodes, *bins)
+            is_found = found != NONE
+            face_ids[some[is_found]] = ids[found[is_found]]
+            z[some[is_found]] = heights_on_faces(nodes, face_nodes, found[is_found], xy[some[is_found]])
     return _described(store, face_ids, z)
+
+
+def _tiles_at(store: Store, tiles: dict[str, NDArray[Any]], xy: Floats) -> list[NDArray[np.int64]]:
+    """Return the tiles that each place lies in or on, ascending: four numbers of tiles a place, -1 for none.
+
+    Places on the line between two tiles have both, at a corner all four.
+    """
+    west, south = np.unique(tiles["xmin"]), np.unique(tiles["ymin"])
+    if len(tiles["tile_id"]) != len(west) * len(south):
+        raise StoreFormatError(str(store.path), "table tile", "found tiles that are no rows and columns", "R-130")
+    is_inside = (xy >= store.extent[:2]).all(axis=1) & (xy <= store.extent[2:]).all(axis=1)
+    at, is_on_line = [], []
+    for axis, lines in enumerate((west, south)):
+        at.append(np.searchsorted(lines, xy[:, axis], side="right") - 1)
+        is_on_line.append((at[axis] > 0) & (lines[at[axis]] == xy[:, axis]))
+    found = []
+    for below, left in ((1, 1), (1, 0), (0, 1), (0, 0)):
+        is_one = is_inside & (is_on_line[1] | (below == 0)) & (is_on_line[0] | (left == 0))
+        found.append(np.where(is_one, (at[1] - below) * len(west) + at[0] - left, NONE))
+    return found
+
+
+def _binned(store: Store, level: int, tiles: dict[str, NDArray[Any]], tile: int) -> tuple[Any, ...]:
+    """Ids, nodes, face_nodes and bins of a tile, kept for the next question."""
+
+    def make() -> tuple[Any, ...]:
+        faces = store.tile_faces(level, int(tiles["tile_id"][tile]))
+        nodes, face_nodes = mesh_of(store, faces)
+        low, high = (np.array([tiles[name][tile] for name in names]) for names in (("xmin", "ymin"), ("xmax", "ymax")))
+        return (faces["face_id"], nodes, face_nodes, *_bins(nodes, face_nodes, low, high))
+
+    return store.keep(("bins", level, tile), make)
 
 
 def mesh_of(store: Store, faces: dict[str, NDArray[Any]]) -> tuple[Floats, NDArray[np.int32]]:

@@ -40,7 +40,7 @@ def stitch(nodes: NDArray[np.float64], face_nodes: Faces) -> tuple[Faces, NDArra
     >>> nodes = np.array([[0, 0, 0], [4, 0, 0], [2, 3, 0], [2, 0, 0], [2, -3, 0.0]])
     >>> faces, source = stitch(nodes, np.array([[0, 1, 2], [0, 4, 3], [3, 4, 1]], np.int32))
     >>> faces.tolist(), source.tolist()
-    ([[0, 4, 3], [3, 4, 1], [2, 0, 3], [2, 3, 1]], [1, 2, 0, 0])
+    ([[0, 4, 3], [3, 4, 1], [1, 2, 3], [2, 0, 3]], [1, 2, 0, 0])
     """
     side, node, _ = find_t_junctions(nodes, face_nodes, find_twins(face_nodes, len(nodes)))
     start, end = nodes[face_nodes[side // 3, side % 3]], nodes[face_nodes[side // 3, (side + 1) % 3]]

@@ -6,7 +6,7 @@ A store from a stranger is read safely: read-only, with untrusted schema, and on
 from __future__ import annotations
 
 import sqlite3
-from collections.abc import Sequence
+from collections.abc import Callable, Hashable, Sequence
 from pathlib import Path
 from types import TracebackType
 from typing import Any
@@ -21,6 +21,7 @@ from vpfx.store.contents import read_extent, read_levels, read_metadata
 from vpfx.store.ddl import schema_sql
 from vpfx.store.digest import REALS
 from vpfx.store.geopackage import APPLICATION_ID
+from vpfx.store.recent import Recent
 
 __all__ = ["Store", "open_store"]
 
@@ -109,6 +110,7 @@ class Store:
             self.extent = read_extent(self._connection, str(path))
             self.crs = str(self.metadata["crs_wkt2"])
             self._reader = TableReader(self._connection, path)
+            self._recent = Recent()
         except sqlite3.DatabaseError as error:
             self.close()
             reason = "no SQLite database" if "not a database" in str(error) else f"a damaged database ({error})"
@@ -326,6 +328,18 @@ class Store:
         query = "SELECT first_face, last_face FROM tile_level WHERE tile_id = ? AND level = ?"
         first, last = self._connection.execute(query, (tile_id, level)).fetchone()
         return self._reader.rows("face", [] if first is None else [(first, last)])
+
+    def keep(self, key: Hashable, make: Callable[[], tuple[Any, ...]]) -> tuple[Any, ...]:
+        """Return what was made under a key, or make it; what was used last is kept until somebody changes the file.
+
+        Parameters
+        ----------
+        key : hashable
+        make : callable
+            Gives a tuple of arrays and other values; nobody may change them.
+        """
+        (version,) = self._connection.execute("PRAGMA data_version").fetchone()
+        return self._recent.get(key, version, make)
 
     def linked(self, own: str, ids: Any) -> NDArray[np.int64]:
         """Pairs of the ids of some faces and those of their parents or children.
