@@ -6,11 +6,13 @@ from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
+import pytest
 from surfaces import SOLID, VOIDS, hills, write_dem
 
 import vpfx
+from vpfx.cli import main
 
-__all__ = ["KINDS", "build_kind", "clipped"]
+__all__ = ["KINDS", "ask", "build_kind", "clipped"]
 
 KINDS: dict[str, tuple[Any, dict[str, Any]]] = {
     "one tile": (hills(40, 35), {"max_error": (20, 4)}),
@@ -43,3 +45,11 @@ def clipped(triangle, window):
                 kept.append(tuple(s + share * (t - s) for s, t in zip(p, q, strict=True)))
         corners = kept
     return corners
+
+
+def ask(capsys: Any, *arguments: Any) -> tuple[int, str, str]:
+    """Run `vpfx query`; return exit code, stdout and stderr."""
+    with pytest.raises(SystemExit) as ended:
+        main(["query", *map(str, arguments)])
+    assert isinstance(ended.value.code, int)
+    return ended.value.code, *capsys.readouterr()

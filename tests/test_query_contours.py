@@ -12,11 +12,11 @@ import numpy as np
 import pytest
 import shapely
 from rasters import CELL
-from small_stores import KINDS, build_kind
+from small_stores import KINDS, ask, build_kind
 
 import vpfx
 from vpfx.errors import InputError, NotFoundError
-from vpfx.query.contours import contours, contours_of, even_heights
+from vpfx.query.contours import contours, contours_of, even_heights, to_geojson
 
 
 @pytest.fixture(scope="module", params=KINDS)
@@ -172,3 +172,29 @@ def test_what_cannot_be_asked_is_told(store):
             even_heights(store.tin(0), interval)
     assert contours(store, 0, []) == []
     assert json.dumps([c.height for c in contours(store, 0, [1, 0])]) == "[1.0, 0.0]"
+
+
+def test_the_command_gives_lines(store, capsys, tmp_path):
+    level = len(store.levels) - 1
+    heights = even_heights(store.tin(level), 2.5)
+    expected = json.loads(json.dumps(to_geojson(contours(store, level, heights), store.crs)))
+    code, out, _ = ask(capsys, "contours", store.path, "--interval", 2.5)
+    assert (code, json.loads(out)) == (0, expected)
+    target = tmp_path / "a.geojson"
+    code, out, _ = ask(capsys, "contours", store.path, "--heights=-3,4.5", "--level", 0, "-o", target)
+    features = json.loads(target.read_text())["features"]
+    assert [feature["properties"]["height"] for feature in features] == [-3.0, 4.5]
+    lines = [line for feature in features for line in feature["geometry"]["coordinates"]]
+    assert all(-106 < x < -104 and 36 < y < 37 for line in lines for x, y, _ in line)
+    assert f"{len(lines):,} lines at 2 heights of level 0" in out
+    for arguments, message in (
+        ([], "expected --heights or --interval"),
+        (["--heights", "1", "--interval", "2"], "expected --heights or --interval"),
+        (["--heights", "a"], "--heights: found 'a'"),
+        (["--heights", "nan"], "heights: found"),
+        (["--interval", "0"], "interval: found 0"),
+        (["--interval", "5", "--bbox", "1,1,1,2"], "rectangle with area"),
+    ):
+        code, out, err = ask(capsys, "contours", store.path, *arguments)
+        assert (code, out, err.count("\n")) == (2, "", 1)
+        assert message in err

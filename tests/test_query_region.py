@@ -8,10 +8,12 @@ from fractions import Fraction
 from itertools import pairwise
 
 import numpy as np
+import pyogrio
 import pytest
 import shapely
+from pyproj import Transformer
 from rasters import CELL
-from small_stores import KINDS, build_kind, clipped
+from small_stores import KINDS, ask, build_kind, clipped
 
 import vpfx
 from vpfx.errors import InputError, NotFoundError
@@ -279,3 +281,138 @@ def test_a_real_store(tmp_path):
         assert abs(circle.exterior.distance(shapely.Point(found.lowest[:2]))) < 1e-9 or found.lowest[
             2
         ] == pytest.approx(whole.nodes[inside, 2].min())
+
+
+@pytest.fixture(scope="module")
+def tiles(tmp_path_factory):
+    with vpfx.open_store(build_kind("tiles", tmp_path_factory.mktemp("tiles"))) as opened:
+        yield opened
+
+
+TRIANGLE = "POLYGON ((500100 4000100, 500500 4000150, 500300 4000800, 500100 4000100))"
+
+
+def write_areas(path, geometries, crs="EPSG:4326", **options):
+    """Write geometries, given in the CRS of the small stores, as a vector file."""
+    move = Transformer.from_crs("EPSG:32613", crs, always_xy=True)
+    moved = [shapely.transform(g, lambda xy: np.column_stack(move.transform(*xy.T))) for g in geometries]
+    kind = options.pop("geometry_type", "Polygon")
+    pyogrio.raw.write(path, shapely.to_wkb(np.array(moved, object)), [], [], geometry_type=kind, crs=crs, **options)
+    return path
+
+
+def test_the_command_gives_faces(tiles, capsys, tmp_path):
+    area = shapely.from_wkt(TRIANGLE)
+    expected = region(tiles, 1, polygon=area)
+    code, out, _ = ask(capsys, "region", tiles.path, "--level", 1, "--polygon", TRIANGLE, "--format", "geojson")
+    assert code == 0
+    assert json.loads(out) == to_geojson(expected)
+    code, out, _ = ask(capsys, "region", tiles.path, "--level", 1, "--polygon", TRIANGLE)
+    assert [int(line.split()[0]) for line in out.splitlines()[1:]] == ids(expected)
+    code, out, _ = ask(capsys, "region", tiles.path, "--polygon", TRIANGLE, "--tile", 2, "--format", "json")
+    document, finest = json.loads(out), len(tiles.levels) - 1
+    rows = region_rows(tiles, finest, polygon=area, tile_id=2)
+    assert document["level"] == finest
+    assert [row["face"] for row in document["faces"]] == rows["face_id"].tolist()
+    assert [row["nodes"][2] for row in document["faces"]] == rows["node_3"].tolist()
+    target = tmp_path / "a.json"
+    box = "500100,4000100,500200,4000200"
+    code, out, _ = ask(capsys, "region", tiles.path, "--bbox", box, "--format", "geojson", "-o", target)
+    assert (code, out.startswith(f"{target}: ")) == (0, True)
+    found = [feature["id"] for feature in json.loads(target.read_text())["features"]]
+    assert found == ids(region(tiles, finest, bbox=(500100, 4000100, 500200, 4000200)))
+    assert [path.name for path in tmp_path.iterdir()] == ["a.json"]
+
+
+def test_polygons_come_from_files(tiles, capsys, tmp_path):
+    halves = [shapely.box(500100, 4000100, 500300, 4000700), shapely.box(500300, 4000100, 500500, 4000700)]
+    expected = ids(region(tiles, 1, polygon=shapely.box(500100, 4000100, 500500, 4000700)))
+    for name, crs in (("a.gpkg", "EPSG:32613"), ("b.geojson", "EPSG:4326"), ("c.shp", "EPSG:32613")):
+        file = write_areas(tmp_path / name, halves, crs)
+        code, out, _ = ask(capsys, "region", tiles.path, "--level", 1, "--polygon", file)
+        found = [int(line.split()[0]) for line in out.splitlines()[1:]]
+        assert code == 0
+        assert len(set(found) ^ set(expected)) <= (0 if crs == "EPSG:32613" else 0.05 * len(expected))
+
+
+def test_bad_files_are_refused(tiles, capsys, tmp_path):
+    box = shapely.box(500100, 4000100, 500300, 4000700)
+    bow = shapely.from_wkt("POLYGON ((500100 4000100, 500300 4000700, 500300 4000100, 500100 4000700, 500100 4000100))")
+    far = shapely.box(400100, 4000100, 400300, 4000700)
+    file = tmp_path / "two.gpkg"
+    write_areas(file, [box], layer="one"), write_areas(file, [box], layer="other", append=True)
+    (tmp_path / "text.txt").write_text("hello")
+    (tmp_path / "broken.geojson").write_text('{"type": "FeatureCollection", "features": [{')
+    for name, code, message in (
+        (write_areas(tmp_path / "bow.gpkg", [bow], "EPSG:32613"), 3, "Self-intersection"),
+        (write_areas(tmp_path / "far.gpkg", [far]), 2, "found no area on the store"),
+        (write_areas(tmp_path / "p.gpkg", [box.centroid], geometry_type="Point"), 3, "found a Point, expected areas"),
+        (file, 2, "found 2 layers, expected one; choose of: one, other"),
+        (tmp_path / "text.txt", 3, "found another format"),
+        (tmp_path / "broken.geojson", 3, "broken.geojson: "),
+        (tmp_path, 3, "found a directory"),
+        (tmp_path / "none.gpkg", 3, "expected WKT or a file"),
+        ("x" * 400, 3, "expected WKT or a file"),
+        ("a\0b", 3, "expected WKT or a file"),
+    ):
+        for command in (["region"], ["range"], ["volume", "--plane", 0]):
+            found = ask(capsys, *command, tiles.path, "--polygon", name)
+            assert (found[0], found[1], found[2].count("\n")) == (code, "", 1), found
+            assert message in found[2]
+    code, out, _ = ask(capsys, "region", tiles.path, "--polygon", file, "--polygon-layer", "other")
+    assert code == 0
+    assert out
+
+
+@pytest.mark.parametrize(
+    ("arguments", "code", "message"),
+    [
+        (["--format", "xml"], 2, "--format: found 'xml'"),
+        (["--bbox", "1,2,3"], 2, "bbox: found"),
+        (["--bbox", "1,a"], 2, "--bbox: found '1,a'"),
+        (["--tile", "99"], 3, "found no tile 99"),
+        (["--level", "9"], 3, "found no level 9"),
+        (["--polygon", "POLYGON ((0 0, 1"], 2, "expected WKT"),
+        (["--polygon", "POINT (0 0)"], 2, "found a Point"),
+        (["--polygon", "POLYGON EMPTY"], 2, "found an empty one"),
+        (["--polygon", "POLYGON ((0 0, 1 1, 1 0, 0 1, 0 0))"], 2, "Self-intersection"),
+        (["-o", "nowhere/a.json"], 3, "found no folder nowhere"),
+        (["-o", "."], 3, "found a folder"),
+    ],
+)
+def test_the_command_refuses(arguments, code, message, tiles, capsys):
+    found = ask(capsys, "region", tiles.path, *arguments)
+    assert (found[0], found[1], found[2].count("\n")) == (code, "", 1)
+    assert message in found[2]
+
+
+def test_files_are_not_overwritten(tiles, capsys, tmp_path):
+    target = tmp_path / "a.txt"
+    target.write_text("mine")
+    assert ask(capsys, "region", tiles.path, "-o", target)[0] == 3
+    assert target.read_text() == "mine"
+    before = tiles.path.read_bytes()
+    assert ask(capsys, "region", tiles.path, "-o", tiles.path, "--overwrite")[0] == 2
+    assert ask(capsys, "contours", tiles.path, "--interval", 5, "-o", tiles.path, "--overwrite")[0] == 2
+    assert tiles.path.read_bytes() == before
+    assert ask(capsys, "region", tiles.path, "-o", target, "--overwrite")[0] == 0
+    assert target.read_text() != "mine"
+
+
+def test_the_commands_tell_range_and_nearest_nodes(tiles, capsys, tmp_path):
+    area = shapely.from_wkt(TRIANGLE)
+    expected = elevation_range(tiles, 1, polygon=area)
+    code, out, _ = ask(capsys, "range", tiles.path, "--level", 1, "--polygon", TRIANGLE, "--json")
+    document = json.loads(out)
+    assert (code, document["level"]) == (0, 1)
+    assert list(document["lowest"].values()) == expected.lowest.tolist()
+    assert list(document["highest"].values()) == expected.highest.tolist()
+    _, out, _ = ask(capsys, "range", tiles.path, "--bbox", "0,0,1,1")
+    assert out.split() == ["lowest", "–", "–", "–", "highest", "–", "–", "–"]
+    file = tmp_path / "places.txt"
+    file.write_text("500100 4000100\n500333,4000222\n")
+    found = nearest_nodes(tiles, [(500100, 4000100), (500333, 4000222)], len(tiles.levels) - 1)
+    _, out, _ = ask(capsys, "nearest", tiles.path, "--points", file)
+    assert [int(line.split()[0]) for line in out.splitlines()] == found.node_ids.tolist()
+    _, out, _ = ask(capsys, "nearest", tiles.path, "--points", file, "--json")
+    assert [point["distance"] for point in json.loads(out)["points"]] == found.distance.tolist()

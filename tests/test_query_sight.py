@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import json
 import math
 
 import numpy as np
 import pytest
 import shapely
 from rasters import CELL
-from small_stores import KINDS, build_kind
+from small_stores import KINDS, ask, build_kind
 from surfaces import write_dem
 
 import vpfx
@@ -215,3 +216,49 @@ def test_a_real_store_sees_both_ways(tmp_path):
             assert there.diagonal().all()
             seen.append(there.mean())
     assert 0.04 < min(seen) <= max(seen) < 0.9
+
+
+def test_the_commands_tell_what_is_seen(store, capsys, tmp_path):
+    level = len(store.levels) - 1
+    x, y = places(store, level, np.random.default_rng(17), 1)[0].tolist()
+    targets = [(*place, 1.0) for place in places(store, level, np.random.default_rng(18), 4).tolist()]
+    expected = line_of_sight(store, level, (x, y, 2.0), targets)
+    options = [text for target in targets for text in ("--target", ",".join(map(repr, target)))]
+    code, out, _ = ask(capsys, "sight", store.path, "--observer", f"{x!r},{y!r},2", *options)
+    assert code == 0
+    assert [line == "visible" for line in out.splitlines()] == expected.is_visible.tolist()
+    _, out, _ = ask(capsys, "sight", store.path, "--observer", f"{x!r},{y!r},2", *options, "--json")
+    for told, seen, at in zip(json.loads(out)["targets"], *expected, strict=True):
+        assert told == {"is_visible": seen, "blocked_at": None if seen else at.tolist()}
+    shed = viewshed(store, level, (x, y), observer_height=2.0, reach=200)
+    place = ["--observer", f"{x!r},{y!r},2", "--reach", 200]
+    _, out, _ = ask(capsys, "viewshed", store.path, *place, "--format", "json")
+    document = json.loads(out)
+    assert document["visible"] == shed.face_ids[shed.is_visible].tolist()
+    assert document["hidden"] == shed.face_ids[~shed.is_visible].tolist()
+    target = tmp_path / "a.geojson"
+    code, out, _ = ask(capsys, "viewshed", store.path, *place, "-o", target)
+    features = json.loads(target.read_text())["features"]
+    assert {feature["id"]: feature["properties"]["is_visible"] for feature in features} == dict(
+        zip(shed.face_ids.tolist(), shed.is_visible.tolist(), strict=True)
+    )
+    assert f"{shed.is_visible.sum()} of {len(shed.face_ids)} faces" in out
+
+
+@pytest.mark.parametrize(
+    ("arguments", "code", "message"),
+    [
+        (["sight", "--observer", "1,2", "--target", "1,2,3"], 2, "sight: found '1,2', expected x, y and a height"),
+        (["sight", "--observer", "1,2,3", "--target", "here"], 2, "--target: found 'here'"),
+        (["sight", "--observer", "1,2,3", "--target", "1,2,3"], 2, "observer: found no ground at (1, 2)"),
+        (["viewshed", "--observer", "1,2,3"], 2, "observer: found no ground"),
+        (["viewshed", "--observer", "1,2"], 2, "--observer: found '1,2'"),
+        (["viewshed", "--observer", "1,2,3", "--reach", "0"], 2, "reach: found 0"),
+        (["viewshed", "--observer", "1,2,3", "--format", "table"], 2, "--format: found 'table'"),
+        (["viewshed", "--observer", "1,2,3", "--level", "9"], 3, "found no level 9"),
+    ],
+)
+def test_the_commands_refuse(arguments, code, message, store, capsys):
+    found = ask(capsys, arguments[0], store.path, *arguments[1:])
+    assert (found[0], found[1], found[2].count("\n")) == (code, "", 1)
+    assert message in found[2]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import math
 from itertools import pairwise
 
@@ -9,7 +10,7 @@ import numpy as np
 import pytest
 import shapely
 from rasters import CELL
-from small_stores import KINDS, build_kind, clipped
+from small_stores import KINDS, ask, build_kind, clipped
 
 import vpfx
 from vpfx.errors import InputError, NotFoundError
@@ -183,3 +184,30 @@ def test_a_real_store_in_metres(tmp_path):
         np.testing.assert_allclose(np.sum(parts, axis=0), whole, rtol=1e-9)
         parts = [volume(opened, 1, shapely.box(*box), other_level=0) for box in quarters]
         np.testing.assert_allclose(np.sum(parts, axis=0)[:4], volume(opened, 1, other_level=0)[:4], rtol=1e-9)
+
+
+def test_the_command_tells_volumes(store, capsys):
+    x0, y0, x1, y1 = store.extent
+    area = shapely.Polygon([(x0, y0), (x1, y0 + 9), (x0 + 50, y1)])
+    for arguments, options in (
+        (["--plane", 3], {"plane": 3.0}),
+        (["--plane=1,0.5,-0.25"], {"plane": (1.0, 0.5, -0.25)}),
+        (["--other-level", 1], {"other_level": 1}),
+    ):
+        expected = volume(store, 0, area, **options)
+        code, out, _ = ask(capsys, "volume", store.path, "--level", 0, "--polygon", area.wkt, *arguments, "--json")
+        found = json.loads(out)
+        assert (code, found.pop("level")) == (0, 0)
+        assert found == expected._asdict()
+    _, out, _ = ask(capsys, "volume", store.path, "--plane", 3)
+    assert len(out.splitlines()) == 5
+    for arguments, code, message in (
+        ([], 2, "expected one of them"),
+        (["--plane", "1", "--other-level", "0"], 2, "expected one of them"),
+        (["--plane", "1,2"], 2, "plane: found"),
+        (["--plane", "high"], 2, "--plane: found 'high'"),
+        (["--other-level", "9"], 3, "found no level 9"),
+    ):
+        found = ask(capsys, "volume", store.path, *arguments)
+        assert (found[0], found[1], found[2].count("\n")) == (code, "", 1)
+        assert message in found[2]

@@ -11,10 +11,10 @@ from numpy.typing import NDArray
 
 from vpfx.errors import InputError
 from vpfx.model import Tin
-from vpfx.query.region import area_of, region
+from vpfx.query.region import area_of, region, to_degrees
 from vpfx.store.store import Store
 
-__all__ = ["Contour", "contours", "contours_of", "even_heights"]
+__all__ = ["Contour", "contours", "contours_of", "even_heights", "to_geojson"]
 
 Floats = NDArray[np.float64]
 
@@ -119,6 +119,37 @@ def even_heights(tin: Tin, interval: float) -> Floats:
     if last - first >= MOST_HEIGHTS:
         raise InputError(f"interval: found {interval}, expected one that gives at most {MOST_HEIGHTS} heights")
     return np.asarray(np.arange(first, last + 1) * interval)
+
+
+def to_geojson(found: Sequence[Contour], crs: str) -> dict[str, Any]:
+    """Contours as a GeoJSON FeatureCollection (RFC 7946), a feature each height with property `height`.
+
+    Parameters
+    ----------
+    crs : str
+        Of the contours; empty if unknown, which leaves places as they are instead of longitude and latitude on WGS 84.
+
+    Raises
+    ------
+    InputError
+        Places have no longitude and latitude.
+
+    Examples
+    --------
+    >>> lines = shapely.from_wkt("MULTILINESTRING Z ((0 0 7, 1 1 7))")
+    >>> to_geojson([Contour(7.0, lines)], "")["features"][0]["geometry"]["coordinates"]
+    [[[0.0, 0.0, 7.0], [1.0, 1.0, 7.0]]]
+    """
+    parts = [shapely.get_parts(contour.lines) for contour in found]
+    every = np.concatenate([np.empty(0, object), *parts])
+    places, line = shapely.get_coordinates(every, include_z=True, return_index=True)
+    moved = np.column_stack([*to_degrees(places[:, 0], places[:, 1], crs), places[:, 2]])
+    lines = iter(np.split(moved, np.flatnonzero(np.diff(line)) + 1))
+    features = []
+    for contour, own in zip(found, parts, strict=True):
+        geometry = {"type": "MultiLineString", "coordinates": [next(lines).tolist() for _ in own]}
+        features.append({"type": "Feature", "properties": {"height": contour.height}, "geometry": geometry})
+    return {"type": "FeatureCollection", "features": features}
 
 
 def _pieces(nodes: Floats, face_nodes: NDArray[np.int32], height: float) -> Floats:

@@ -22,7 +22,7 @@ SLACK = 1e-9
 
 
 @njit(nogil=True, cache=True)
-def first_blocks(nodes, face_nodes, eye, ways, bulge, graze, is_first, offsets, faces, low, step, n_col, n_row):  # type: ignore[no-untyped-def]
+def first_blocks(nodes, face_nodes, observer_z, ways, bulge, graze, is_first, offsets, faces, low, step, n_col, n_row):  # type: ignore[no-untyped-def]
     """Share of each ray at which it is blocked, infinite where it is not, float64 (n,).
 
     Parameters
@@ -30,7 +30,7 @@ def first_blocks(nodes, face_nodes, eye, ways, bulge, graze, is_first, offsets, 
     nodes : float64 (n_node, 3)
         x and y from the observer.
     face_nodes : int32 (n_face, 3)
-    eye : float
+    observer_z : float
         Height of the observer, metres.
     ways : float64 (n, 3)
         Ends of the rays: x and y from the observer, height in metres.
@@ -67,7 +67,7 @@ def first_blocks(nodes, face_nodes, eye, ways, bulge, graze, is_first, offsets, 
             row1 = _bin_of(y1 + SLACK * step[1], low[1], step[1], n_row)
             for row in range(row0, row1 + 1):
                 for at in range(offsets[row * n_col + col], offsets[row * n_col + col + 1]):
-                    share = _block(nodes, face_nodes[faces[at]], eye, ways[ray], bulge[ray], graze)
+                    share = _block(nodes, face_nodes[faces[at]], observer_z, ways[ray], bulge[ray], graze)
                     found[ray] = min(found[ray], share)
                 if not is_first and found[ray] < np.inf:
                     break
@@ -77,17 +77,17 @@ def first_blocks(nodes, face_nodes, eye, ways, bulge, graze, is_first, offsets, 
 
 
 @njit(nogil=True, cache=True)
-def _block(nodes, corner, eye, way, bulge, graze):  # type: ignore[no-untyped-def]
+def _block(nodes, corner, observer_z, way, bulge, graze):  # type: ignore[no-untyped-def]
     r"""Share of a ray at which one face blocks it, infinite if it does not.
 
            c           side of a corner: above 0 to the left of the ray, below 0 to its right. The ray goes over the
           / \          face from the least to the greatest share at which it meets an edge (*) or a corner.
-    eye--*---*--> end
+    ray--*---*--> end
         a-----b
     """
     length = way[0] * way[0] + way[1] * way[1]
     if length == 0.0:
-        return _block_upright(nodes, corner, eye, way[2], graze)
+        return _block_upright(nodes, corner, observer_z, way[2], graze)
     start, end, gap_start, gap_end = np.inf, -np.inf, 0.0, 0.0
     for i in range(3):
         a, b = nodes[corner[i]], nodes[corner[(i + 1) % 3]]
@@ -97,7 +97,7 @@ def _block(nodes, corner, eye, way, bulge, graze):  # type: ignore[no-untyped-de
         part = 0.0 if side_a == 0.0 else side_a / (side_a - side_b)
         x, y, z = a[0] + part * (b[0] - a[0]), a[1] + part * (b[1] - a[1]), a[2] + part * (b[2] - a[2])
         share = (x * way[0] + y * way[1]) / length
-        gap = z - eye - share * (way[2] - eye)
+        gap = z - observer_z - share * (way[2] - observer_z)
         if share < start:
             start, gap_start = share, gap
         if share > end:
@@ -109,15 +109,15 @@ def _block(nodes, corner, eye, way, bulge, graze):  # type: ignore[no-untyped-de
 
 
 @njit(nogil=True, cache=True)
-def _block_upright(nodes, corner, eye, end, graze):  # type: ignore[no-untyped-def]
+def _block_upright(nodes, corner, observer_z, end, graze):  # type: ignore[no-untyped-def]
     """Share of an upright ray at which a face over or under the observer blocks it, infinite if it does not."""
     a, b, c = nodes[corner[0]], nodes[corner[1]], nodes[corner[2]]
     of_a, of_b, of_c = b[0] * c[1] - b[1] * c[0], c[0] * a[1] - c[1] * a[0], a[0] * b[1] - a[1] * b[0]
     if min(of_a, of_b, of_c) < 0.0:
         return np.inf
     z = (of_a * a[2] + of_b * b[2] + of_c * c[2]) / (of_a + of_b + of_c)
-    is_between = min(eye, end) < z - graze and z + graze < max(eye, end)
-    return (z - eye) / (end - eye) if is_between else np.inf
+    is_between = min(observer_z, end) < z - graze and z + graze < max(observer_z, end)
+    return (z - observer_z) / (end - observer_z) if is_between else np.inf
 
 
 @njit(nogil=True, cache=True)

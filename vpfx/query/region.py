@@ -14,6 +14,7 @@ from vpfx.errors import InputError, NotFoundError
 from vpfx.geometry import heights_on_faces
 from vpfx.model import Tin
 from vpfx.store.store import Store
+from vpfx.topology import NONE
 
 __all__ = [
     "ElevationRange",
@@ -21,8 +22,11 @@ __all__ = [
     "check_polygon",
     "elevation_range",
     "face_polygons",
+    "part_of",
     "region",
     "region_rows",
+    "rows_as_dicts",
+    "to_degrees",
     "to_geojson",
 ]
 
@@ -97,7 +101,7 @@ def region(
         touches &= shapely.intersects(geometry, faces)
     if tile_id is not None:
         touches &= tin.face_attributes["tile_id"] == tile_id
-    return _part(tin, touches)
+    return part_of(tin, touches)
 
 
 def region_rows(
@@ -112,6 +116,21 @@ def region_rows(
     """
     tin = region(store, level, bbox=bbox, polygon=polygon, tile_id=tile_id)
     return store.fetch("face", tin.face_attributes.get("face_id", []))
+
+
+def rows_as_dicts(rows: dict[str, NDArray[Any]]) -> list[dict[str, Any]]:
+    """Rows of the table `face`, as of `region_rows`, as one dict each, ready for JSON: ids, slope and aspect in degrees."""
+    is_level = rows["aspect_centidegrees"] == NONE
+    columns = {
+        "face": rows["face_id"].tolist(),
+        "tile": rows["tile_id"].tolist(),
+        "is_filled": rows["is_filled"].astype(bool).tolist(),
+        "slope": (rows["slope_centidegrees"] / 100.0).tolist(),
+        "aspect": _plain(np.where(is_level, np.nan, rows["aspect_centidegrees"] / 100.0)),
+        "nodes": np.stack([rows[f"node_{i}"] for i in (1, 2, 3)], axis=1).tolist(),
+        "edges": np.stack([rows[f"edge_{i}"] for i in (1, 2, 3)], axis=1).tolist(),
+    }
+    return [dict(zip(columns, values, strict=True)) for values in zip(*columns.values(), strict=True)]
 
 
 def face_polygons(tin: Tin) -> NDArray[np.object_]:
@@ -194,8 +213,13 @@ def _common(bounds: list[tuple[float, ...]]) -> tuple[float, ...] | None:
     return min(bounds, key=lambda box: (box[2] - box[0]) * (box[3] - box[1])) if bounds else None
 
 
-def _part(tin: Tin, keep: NDArray[np.bool_]) -> Tin:
-    """Some faces of a mesh, with their nodes and attributes."""
+def part_of(tin: Tin, keep: NDArray[np.bool_]) -> Tin:
+    """Some faces of a mesh, with their nodes and attributes.
+
+    Parameters
+    ----------
+    keep : bool (n_face,)
+    """
     used, index = np.unique(tin.face_nodes[keep], return_inverse=True)
     return Tin(
         tin.nodes[used],
@@ -232,7 +256,7 @@ def to_geojson(tin: Tin) -> dict[str, Any]:
     >>> feature["id"], feature["geometry"]["coordinates"][0][2]
     (7, [0.0, 1.0, 6.0])
     """
-    nodes = np.column_stack([*_degrees(tin.nodes[:, 0], tin.nodes[:, 1], tin.crs), tin.nodes[:, 2]])
+    nodes = np.column_stack([*to_degrees(tin.nodes[:, 0], tin.nodes[:, 1], tin.crs), tin.nodes[:, 2]])
     rings = nodes[tin.face_nodes]
     ahead, aside = rings[:, 1, :2] - rings[:, 0, :2], rings[:, 2, :2] - rings[:, 0, :2]
     is_turned = ahead[:, 0] * aside[:, 1] < ahead[:, 1] * aside[:, 0]
@@ -249,8 +273,14 @@ def to_geojson(tin: Tin) -> dict[str, Any]:
     return {"type": "FeatureCollection", "features": features}
 
 
-def _degrees(x: Floats, y: Floats, crs: str) -> tuple[Floats, Floats]:
-    """Longitude and latitude on WGS 84 of places; themselves if the CRS is unknown."""
+def to_degrees(x: Floats, y: Floats, crs: str) -> tuple[Floats, Floats]:
+    """Longitude and latitude on WGS 84 of places; themselves if the CRS is unknown.
+
+    Raises
+    ------
+    InputError
+        There are none.
+    """
     if not crs:
         return x, y
     found = Transformer.from_crs(CRS.from_user_input(crs), WGS84, always_xy=True).transform(x, y)

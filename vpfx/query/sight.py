@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -14,11 +15,11 @@ from vpfx.model import Tin
 from vpfx.query.lines import profile
 from vpfx.query.location import _bins, locate
 from vpfx.query.rays import first_blocks
-from vpfx.query.region import region
+from vpfx.query.region import part_of, region
 from vpfx.store.store import Store
 from vpfx.topology import NONE
 
-__all__ = ["Sight", "Viewshed", "line_of_sight", "viewshed", "walk"]
+__all__ = ["Sight", "Viewshed", "line_of_sight", "shown", "viewshed", "walk"]
 
 Floats = NDArray[np.float64]
 
@@ -119,13 +120,15 @@ def line_of_sight(
     ends; ground without faces blocks nothing, a ray goes on to the next face beyond. Rays are straight in the CRS. Cost:
     O(faces of the rectangle round all places), then the faces under each ray up to where it is blocked.
     """
-    eye = _raised(store, level, _places(observer, 3, "observer"), "observer", is_absolute)
+    origin = _raised(store, level, _places(observer, 3, "observer"), "observer", is_absolute)
     ends = _raised(store, level, _places(targets, 3, "targets"), "targets", is_absolute)
-    xy = np.concatenate([eye, ends])[:, :2]
+    xy = np.concatenate([origin, ends])[:, :2]
     tin = store.tin(level, (*xy.min(axis=0), *xy.max(axis=0)))
-    share = _blocked(tin, eye[0], ends, _metres(store, curvature), is_first=True)
+    share = _blocked(tin, origin[0], ends, _metres(store, curvature), is_first=True)
     is_visible = np.isinf(share)
-    blocked_at = np.where(is_visible[:, None], np.nan, eye + np.where(is_visible, 0.0, share)[:, None] * (ends - eye))
+    blocked_at = np.where(
+        is_visible[:, None], np.nan, origin + np.where(is_visible, 0.0, share)[:, None] * (ends - origin)
+    )
     return Sight(is_visible, blocked_at)
 
 
@@ -142,7 +145,7 @@ def viewshed(
     observer : float64 (2,)
         x and y in CRS units.
     observer_height, target_height : float
-        Of the eye above the ground, and of what is looked for above the middle of each face, metres.
+        Of the observer above the ground, and of what is looked for above the middle of each face, metres.
     reach : float, optional
         Only faces whose middle is no farther away, metres.
     bbox : four numbers, optional
@@ -166,22 +169,35 @@ def viewshed(
     if reach is not None and not (np.isfinite(reach) and reach > 0):
         raise InputError(f"reach: found {reach}, expected a positive number of metres")
     place = _places(observer, 2, "observer")
-    eye = _raised(store, level, np.column_stack([place, [float(observer_height)]]), "observer", False)[0]
+    origin = _raised(store, level, np.column_stack([place, [float(observer_height)]]), "observer", False)[0]
     metres = unit_metres(store.crs, store.extent)
-    around = None if reach is None else (*(eye[:2] - np.divide(reach, metres)), *(eye[:2] + np.divide(reach, metres)))
+    around = (
+        None if reach is None else (*(origin[:2] - np.divide(reach, metres)), *(origin[:2] + np.divide(reach, metres)))
+    )
     wanted = region(store, level, bbox=around if bbox is None else bbox)
     middle = wanted.nodes[wanted.face_nodes].mean(axis=1) + np.array([0.0, 0.0, target_height])
     keep = np.ones(len(middle), bool)
     if reach is not None:
-        keep = np.hypot(*((middle - eye)[:, :2] * metres).T) <= reach
+        keep = np.hypot(*((middle - origin)[:, :2] * metres).T) <= reach
     if not keep.any():
         return Viewshed(np.empty(0, np.int64), np.empty(0, bool))
     ends = middle[keep]
-    xy = np.concatenate([eye[None], ends])[:, :2]
+    xy = np.concatenate([origin[None], ends])[:, :2]
     tin = store.tin(level, (*xy.min(axis=0), *xy.max(axis=0)))
-    share = _blocked(tin, eye, ends, _metres(store, curvature), is_first=False)
+    share = _blocked(tin, origin, ends, _metres(store, curvature), is_first=False)
     order = np.argsort(wanted.face_attributes["face_id"][keep])
     return Viewshed(wanted.face_attributes["face_id"][keep][order], np.isinf(share)[order])
+
+
+def shown(store: Store, level: int, found: Viewshed) -> Tin:
+    """The faces of a viewshed as a mesh, with the attribute `is_visible`."""
+    tin = store.tin(level)
+    if tin.n_face == 0:
+        return tin
+    ids = tin.face_attributes["face_id"]
+    part = part_of(tin, np.isin(ids, found.face_ids))
+    at = np.searchsorted(found.face_ids, part.face_attributes["face_id"])
+    return replace(part, face_attributes={**part.face_attributes, "is_visible": found.is_visible[at]})
 
 
 def _places(given: Any, n: int, name: str) -> Floats:
@@ -214,14 +230,14 @@ def _metres(store: Store, curvature: bool) -> tuple[float, float]:
     return unit_metres(store.crs, store.extent) if curvature else (0.0, 0.0)
 
 
-def _blocked(tin: Tin, eye: Floats, ends: Floats, metres: tuple[float, float], *, is_first: bool) -> Floats:
+def _blocked(tin: Tin, origin: Floats, ends: Floats, metres: tuple[float, float], *, is_first: bool) -> Floats:
     """Share of each ray at which it is blocked; infinite where it is not; anywhere past the first unless `is_first`."""
     if tin.n_face == 0 or len(ends) == 0:
         return np.full(len(ends), np.inf)
-    nodes = tin.nodes - (eye[0], eye[1], 0.0)  # from the observer: small numbers keep their digits
-    ways = ends - (eye[0], eye[1], 0.0)
+    nodes = tin.nodes - (origin[0], origin[1], 0.0)  # from the observer: small numbers keep their digits
+    ways = ends - (origin[0], origin[1], 0.0)
     bulge = ((ways[:, :2] * metres) ** 2).sum(axis=1) / (2.0 * BENT_RADIUS)
-    graze = GRAZE * float(max(np.abs(nodes[:, 2]).max(), np.abs(ways[:, 2]).max(), abs(eye[2])))
+    graze = GRAZE * float(max(np.abs(nodes[:, 2]).max(), np.abs(ways[:, 2]).max(), abs(origin[2])))
     bins = _bins(nodes, tin.face_nodes, nodes[:, :2].min(axis=0), nodes[:, :2].max(axis=0))
-    found: Floats = first_blocks(nodes, tin.face_nodes, float(eye[2]), ways, bulge, graze, is_first, *bins)
+    found: Floats = first_blocks(nodes, tin.face_nodes, float(origin[2]), ways, bulge, graze, is_first, *bins)
     return found
