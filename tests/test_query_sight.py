@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+from fractions import Fraction
 
 import numpy as np
 import pytest
@@ -16,7 +17,7 @@ import vpfx
 from vpfx.errors import InputError, NotFoundError
 from vpfx.query.lines import profile
 from vpfx.query.location import locate
-from vpfx.query.sight import line_of_sight, viewshed, walk
+from vpfx.query.sight import _blocked, line_of_sight, viewshed, walk
 
 BLOCKED, SEEN = 1e-5, 1e-7
 """Metres of ground above a ray: more is surely blocked, less is surely seen."""
@@ -53,6 +54,51 @@ def by_looking(tin, eye, end):
     return most, first
 
 
+def exactly(tin, observer, end):
+    """Most ground above a ray, in exact numbers: over each face, where the ray meets its corners and edges."""
+    start, goal = ([Fraction(float(value)) for value in place] for place in (observer, end))
+    way = [b - a for a, b in zip(start, goal, strict=True)]
+    most = Fraction(-(10**9))
+    for corners in tin.nodes[tin.face_nodes].tolist():
+        corners = [[Fraction(p) - s for p, s in zip(corner, start, strict=True)] for corner in corners]
+        side = [way[0] * y - way[1] * x for x, y, _ in corners]
+        met = []
+        for i, j in ((0, 1), (1, 2), (2, 0)):
+            if side[i] * side[j] < 0 or side[i] == 0:
+                share = side[i] / (side[i] - side[j]) if side[i] else 0
+                x, y, z = (p + share * (q - p) for p, q in zip(corners[i], corners[j], strict=True))
+                met.append(((x * way[0] + y * way[1]) / (way[0] ** 2 + way[1] ** 2), z))
+        (low, z_low), (high, z_high) = (min(met), max(met)) if met else ((2, 0), (2, 0))
+        if low >= 1 or high <= 0:
+            continue
+        rise = (z_high - z_low) / (high - low) if high > low else 0
+        most = max(most, *(z_low + rise * (at - low) - at * way[2] for at in (max(low, 0), min(high, 1))))
+    return most
+
+
+@pytest.mark.parametrize("seed", range(12))
+def test_rays_through_nodes_along_edges_and_over_voids(seed):
+    """On a lattice with faces left out nearly every ray meets nodes, edges and corners of voids."""
+    rng = np.random.default_rng(seed)
+    n, step = 7, (1.0, 30.0, 1 / 3)[seed % 3]
+    row, col = np.indices((n, n))
+    place = np.column_stack([col.ravel(), row.ravel()]) * step + (0.0, 5e5, 0.1)[seed % 4 % 3]
+    nodes = np.column_stack([place, rng.integers(0, 4, n * n)])
+    a = (row * n + col)[:-1, :-1][rng.random((n - 1, n - 1)) > 0.15]
+    rising, falling = np.split(rng.permutation(a), [len(a) // 2])
+    corners = [(rising, 0, 1, n + 1), (rising, 0, n + 1, n), (falling, 0, 1, n), (falling, 1, n + 1, n)]
+    tin = vpfx.Tin(nodes, np.concatenate([np.stack([at + i for i in ijk], axis=1) for at, *ijk in corners]))
+    own = rng.integers(n * n)
+    observer = nodes[own] + np.array([0, 0, rng.integers(4)])
+    ends = np.delete(nodes + rng.integers(0, 4, (n * n, 1)) * np.array([0, 0, 1]), own, axis=0)
+    share = _blocked(tin, observer, ends, (0.0, 0.0), is_first=True)
+    np.testing.assert_array_equal(np.isinf(share), np.isinf(_blocked(tin, observer, ends, (0.0, 0.0), is_first=False)))
+    for end, is_visible in zip(ends, np.isinf(share), strict=True):
+        most = exactly(tin, observer, end)
+        assert is_visible == (most < 1e-6)
+        assert not 1e-9 < most < 1e-3
+
+
 def places(store, level, rng, n):
     """Places with ground: anywhere, at nodes and on edges."""
     tin = store.tin(level)
@@ -69,9 +115,9 @@ def test_targets_are_seen_or_blocked(store):
     unsure = total = 0
     for level in (0, len(store.levels) - 1):
         tin = store.tin(level)
-        targets = places(store, level, rng, 12)
+        targets = places(store, level, rng, 9)
         heights = np.where(np.arange(len(targets)) % 3 == 0, 0.0, rng.uniform(0, 15, len(targets)))
-        for xy, height in zip(places(store, level, rng, 2), (0.5, 1.7, 5, 20, 1.7, 60), strict=False):
+        for xy, height in zip(places(store, level, rng, 1), (0.5, 5, 20), strict=False):
             ends = np.column_stack([targets, heights])
             found = line_of_sight(store, level, (*xy, height), ends)
             eye = np.array([*xy, locate(store, [xy], level).z[0] + height])
@@ -105,7 +151,7 @@ def test_faces_are_seen_or_hidden(store):
         found = viewshed(store, level, xy, observer_height=3.0, target_height=0.5)
         np.testing.assert_array_equal(found.face_ids, tin.face_attributes["face_id"])
         eye = np.array([*xy, locate(store, [xy], level).z[0] + 3.0])
-        for k in rng.choice(tin.n_face, min(60, tin.n_face), replace=False):
+        for k in rng.choice(tin.n_face, min(40, tin.n_face), replace=False):
             most, _ = by_looking(tin, eye, tin.nodes[tin.face_nodes[k]].mean(axis=0) + np.array([0, 0, 0.5]))
             assert SEEN < most <= BLOCKED or found.is_visible[k] == (most <= SEEN)
 

@@ -99,7 +99,7 @@ def check_output(output: Path | None, overwrite: bool, *read: str | Path | None)
     """
     if output is None:
         return
-    if output.exists() and any(Path(path).exists() and output.samefile(path) for path in read if path):
+    if output.exists() and any(os.path.exists(path) and output.samefile(path) for path in read if path):
         raise InputError(f"{output}: found a file that is read, expected another to write")
     if output.is_dir():
         raise StoreError(f"{output}: found a folder, expected a file name")

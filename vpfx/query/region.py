@@ -300,6 +300,13 @@ def _plain(values: NDArray[Any]) -> list[Any]:
 def elevation_range(store: Store, level: int, *, bbox: Box | None = None, polygon: Any = None) -> ElevationRange:
     """Lowest and highest place of the surface of a level within a rectangle and a polygon.
 
+    Parameters
+    ----------
+    store : Store
+    level : int
+    bbox, polygon
+        As for `region`; what both share if both are given, the whole level if neither is.
+
     Raises
     ------
     InputError, NotFoundError

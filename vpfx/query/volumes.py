@@ -207,12 +207,25 @@ def _overlaid(fine: Tin, coarse: Tin, polygon: Any) -> _Pieces:
     face, other = shapely.STRtree(others).query(faces, predicate="intersects")
     order = np.lexsort((other, face))
     face, other = face[order], other[order]
-    parts = shapely.intersection(faces[face], others[other])
+    corners, around = fine.nodes[fine.face_nodes[face], :2], coarse.nodes[coarse.face_nodes[other], :2]
+    left, right = _sides(around, corners), _sides(corners, around)
+    shares = ~np.any((left <= 0.0).all(axis=2) | (right <= 0.0).all(axis=2), axis=1)  # else an edge lies between them
+    face, other, left = face[shares], other[shares], left[shares]
+    parts, is_cut = faces[face], (left < 0.0).any(axis=(1, 2))
+    parts[is_cut] = shapely.intersection(parts[is_cut], others[other[is_cut]])
     if polygon is not None:
         shapely.prepare(polygon)
         cut = ~shapely.covers(polygon, parts)
         parts[cut] = shapely.intersection(parts[cut], polygon)
     return _of_parts(fine, parts, face, other)
+
+
+def _sides(triangles: Floats, others: Floats) -> Floats:
+    """On which side of each edge of triangles each corner of others lies, (n, 3 edges, 3 corners): above 0 to the left."""
+    ahead = np.roll(triangles, -1, axis=1) - triangles
+    away = others[:, None] - triangles[:, :, None]
+    side: Floats = ahead[:, :, None, 0] * away[..., 1] - ahead[:, :, None, 1] * away[..., 0]
+    return side
 
 
 def _of_faces(tin: Tin, face: Indices, other: Indices) -> _Pieces:
