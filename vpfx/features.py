@@ -1,12 +1,12 @@
-"""Surveyed points, lines and outlines of areas, read by GDAL through pyogrio and brought into the CRS of a DEM."""
+"""Surveyed points, lines and outlines of areas, read by GDAL through pyogrio and brought into the CRS of a DEM or store."""
 
 from __future__ import annotations
 
 import os
 import re
 import warnings
-from collections.abc import Sequence
-from contextlib import suppress
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager, suppress
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -23,7 +23,7 @@ from vpfx.dem.reference import split_crs
 from vpfx.errors import DemFormatError, FeatureFormatError, InputError
 from vpfx.model import Extent
 
-__all__ = ["Features", "lines_in_posts", "read_features"]
+__all__ = ["Features", "lines_in_posts", "read_area", "read_features"]
 
 Floats = NDArray[np.float64]
 Paths = str | os.PathLike[str] | Sequence[str | os.PathLike[str]]
@@ -132,33 +132,102 @@ def _check_heights(name: str, lines: list[Floats], use_z: bool) -> None:
             raise FeatureFormatError(name, f"vertex ({x:.10g}, {y:.10g})", message)
 
 
+def read_area(path: str | os.PathLike[str], crs: str, extent: Extent, *, layer: str | None = None) -> Any:
+    """Read the areas of a vector file that lie on a store or DEM, as one.
+
+    Parameters
+    ----------
+    path : path
+        A local file of the formats `FORMATS`.
+    crs : str
+        CRS of the store, WKT2. Edges are straight in it between the vertices of the file.
+    extent : Extent
+        Of the store. Areas that do not reach it may be left out.
+    layer : str, optional
+        The layer to read, of a file with several.
+
+    Returns
+    -------
+    shapely Polygon or MultiPolygon
+
+    Raises
+    ------
+    InputError, NotFoundError, FeatureFormatError
+        As for `read_features`; something is no area, or no valid one.
+    """
+    if not crs:
+        raise InputError(f"{os.fspath(path)}: found a store without CRS, expected one; give the polygon as WKT")
+    name = os.fspath(path)
+    with _telling(name):
+        read = _read_geometries(name, _plain_file(name), CRS.from_user_input(crs), extent, layer)
+        areas = read.geometries
+        is_area = np.isin(shapely.get_type_id(areas), AREAS)
+        if not is_area.all():
+            raise FeatureFormatError(name, "geometry", f"found a {areas[~is_area][0].geom_type}, expected areas")
+        areas = shapely.transform(areas, lambda xy: np.column_stack(read.to_dem.transform(*xy.T)))
+        if not np.isfinite(shapely.get_coordinates(areas)).all():
+            raise FeatureFormatError(name, "CRS", "found vertices that cannot be brought into that of the store")
+        is_valid = shapely.is_valid(areas)
+        if not is_valid.all():
+            reason = shapely.is_valid_reason(areas[~is_valid][0])
+            raise FeatureFormatError(name, "geometry", f"found {reason}, expected valid areas")
+        area = shapely.union_all(areas)
+    if not area.intersects(shapely.box(*extent)):
+        raise InputError(f"{name}: found no area on the store, expected some within {tuple(extent)}")
+    return area
+
+
+class _Read(NamedTuple):
+    """What one file holds near a DEM, in its own CRS; `unit` is that of z in metres."""
+
+    geometries: NDArray[Any]
+    to_dem: Transformer
+    near: tuple[float, float, float, float]
+    unit: float
+    driver: str
+
+
 def _read_file(name: str, full: str, crs: CRS, extent: Extent, layer: str | None) -> tuple[list[Floats], str]:
     """Read one file; return its lines, and the format."""
-    driver = _format_of(name, full)
-    if driver == "GeoJSON":
-        _check_member(name, full)
+    with _telling(name):
+        read = _read_geometries(name, full, crs, extent, layer)
+        lines = _to_lines(name, read.geometries, read.to_dem, read.near)
+        for line in lines:
+            line[:, 2] *= read.unit
+        return lines, read.driver
+
+
+@contextmanager
+def _telling(name: str) -> Iterator[None]:
+    """Turn what GDAL, GEOS and PROJ raise into errors of the file."""
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # GDAL's, of files that can be read all the same
-            layers = pyogrio.list_layers(full)[:, 0].tolist()
-            _check_layer(name, layers, layer)
-            information = pyogrio.read_info(full, layer=layer)
-            if information["geometry_type"] is None:
-                raise FeatureFormatError(name, "", "found a table without geometry, expected points, lines or areas")
-            if not information["crs"]:
-                raise FeatureFormatError(name, "", f"found no CRS that is known, {WANTED_CRS}")
-            horizontal, unit = _split(name, information["crs"])
-            to_dem = Transformer.from_crs(horizontal, crs, always_xy=True)
-            near = _bounds_near(name, to_dem, extent)
-            _, _, geometries, _ = pyogrio.raw.read(full, layer=layer, columns=[], bbox=near)
-            lines = _to_lines(name, shapely.from_wkb(geometries), to_dem, near)
-            for line in lines:
-                line[:, 2] *= unit
-            return lines, driver
+            yield
     except (pyogrio.errors.DataSourceError, pyogrio.errors.DataLayerError, pyogrio.errors.GeometryError,
             pyogrio.errors.FeatureError, shapely.errors.ShapelyError, ProjError, UnicodeDecodeError) as error:  # fmt: skip
         reason = " ".join(str(error).split())
         raise FeatureFormatError(name, "", f"cannot be read as lines or areas: {reason}") from error
+
+
+def _read_geometries(name: str, full: str, crs: CRS, extent: Extent, layer: str | None) -> _Read:
+    """Read the geometries of one file near a DEM; none is missing."""
+    driver = _format_of(name, full)
+    if driver == "GeoJSON":
+        _check_member(name, full)
+    layers = pyogrio.list_layers(full)[:, 0].tolist()
+    _check_layer(name, layers, layer)
+    information = pyogrio.read_info(full, layer=layer)
+    if information["geometry_type"] is None:
+        raise FeatureFormatError(name, "", "found a table without geometry, expected points, lines or areas")
+    if not information["crs"]:
+        raise FeatureFormatError(name, "", f"found no CRS that is known, {WANTED_CRS}")
+    horizontal, unit = _split(name, information["crs"])
+    to_dem = Transformer.from_crs(horizontal, crs, always_xy=True)
+    near = _bounds_near(name, to_dem, extent)
+    _, _, read, _ = pyogrio.raw.read(full, layer=layer, columns=[], bbox=near)
+    geometries = shapely.from_wkb(read)
+    return _Read(geometries[~shapely.is_missing(geometries)], to_dem, near, unit, driver)
 
 
 def _split(name: str, crs: str) -> tuple[CRS, float]:
@@ -220,7 +289,6 @@ def _bounds_near(name: str, to_dem: Transformer, extent: Extent) -> tuple[float,
 
 def _to_lines(name: str, geometries: NDArray[Any], to_dem: Transformer, near: tuple[float, ...]) -> list[Floats]:
     """Cut geometries off near the DEM and bring them into its CRS, as vertices in order."""
-    geometries = geometries[~shapely.is_missing(geometries)]
     kind = shapely.get_type_id(geometries)
     is_area = np.isin(kind, AREAS)
     if not (is_area | np.isin(kind, LINES)).all():

@@ -3,7 +3,27 @@
 from vpfx.cli.build import build
 from vpfx.cli.common import app, main
 from vpfx.cli.compare import compare, measure
-from vpfx.cli.query import at, profile, query
+from vpfx.cli.query import at, nearest, profile, query
+from vpfx.cli.query_areas import contours, height_range, region, volume
+from vpfx.cli.query_sight import sight, viewshed
 from vpfx.cli.store import info, plot
 
-__all__ = ["app", "at", "build", "compare", "info", "main", "measure", "plot", "profile", "query"]
+__all__ = [
+    "app",
+    "at",
+    "build",
+    "compare",
+    "contours",
+    "height_range",
+    "info",
+    "main",
+    "measure",
+    "nearest",
+    "plot",
+    "profile",
+    "query",
+    "region",
+    "sight",
+    "viewshed",
+    "volume",
+]

@@ -13,7 +13,7 @@ import click
 from vpfx.cli.common import app, numbers
 from vpfx.errors import InputError, NotFoundError
 
-__all__ = ["at", "profile", "query"]
+__all__ = ["at", "nearest", "profile", "query"]
 
 
 @app.group(no_args_is_help=True)
@@ -87,6 +87,40 @@ def profile(store: Path, level: int | None, line: str, as_json: bool) -> None:
         return
     for face, distance, z in rows:
         print(face, *(f"{value:.10g}" for value in (*distance, *z)))
+
+
+@query.command()
+@click.argument("store", type=click.Path(path_type=Path))
+@click.option("--level", type=int, help="Level to ask.  [default: the finest]")
+@click.option(
+    "--points", required=True, metavar="FILE|-", help="Places, one a line: x and y in CRS units, by blanks or a comma."
+)
+@click.option("--json", "as_json", is_flag=True, help="Print one JSON document.")
+def nearest(store: Path, level: int | None, points: str, as_json: bool) -> None:
+    """Tell the node nearest to each place, seen from above; of several as near the one of least id.
+
+    Prints node, distance (CRS units), x, y and height, a line each place; a dash where there is no node.
+
+    Example: vpfx query nearest n36.gpkg --points places.txt
+    """
+    from vpfx.query.nearest import nearest_nodes
+    from vpfx.store.store import open_store
+
+    places = _read_places(points)
+    with open_store(store) as opened:
+        number = len(opened.levels) - 1 if level is None else level
+        found = nearest_nodes(opened, places, number)
+    told = [
+        (None if node < 0 else node, *map(_or_none, (distance, *place)))
+        for node, distance, place in zip(*(values.tolist() for values in found), strict=True)
+    ]
+    if as_json:
+        names = ("node", "distance", "x", "y", "z")
+        document = {"level": number, "points": [dict(zip(names, row, strict=True)) for row in told]}
+        print(json.dumps(document, indent=2, ensure_ascii=False))
+        return
+    for row in told:
+        print(" ".join("–" if value is None else f"{value:.10g}" for value in row))
 
 
 def _or_none(value: float | None) -> Any:
