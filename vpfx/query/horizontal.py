@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from vpfx.errors import InputError, NotFoundError, StoreFormatError
 from vpfx.store.arrays import look_up
+from vpfx.store.descent import faces_near
 from vpfx.store.store import Store
 from vpfx.topology import NONE
 
@@ -136,31 +137,18 @@ def _from_least(edge_ids: Ids, face_ids: Ids) -> tuple[Ids, Ids]:
 
 
 def _edges_at(store: Store, node_ids: Ids, level: int) -> Ids:
-    """One edge of a level at each node."""
+    """One edge of a level at each node, the nodes ascending."""
+    if len(node_ids) == 0:
+        return node_ids
     nodes = store.fetch("node", node_ids)
+    faces = faces_near(store, level, np.stack([nodes["x"], nodes["y"]], axis=1)).faces
     found = np.full(len(node_ids), NONE, np.int64)
-    for is_first in (True, False):  # the tile named by the node, then all that touch it
-        left = np.flatnonzero(found == NONE)
-        tile_ids = np.unique(nodes["tile_id"][left]) if is_first else _tiles_at(store, nodes, left)
-        for tile_id in tile_ids:
-            some = left[found[left] == NONE]
-            faces = store.tile_faces(level, int(tile_id))
-            for i in (1, 2, 3):
-                corner = faces[f"node_{i}"]
-                order = np.argsort(corner, kind="stable")
-                at, is_there = look_up(corner[order], node_ids[some])
-                found[some[is_there]] = faces[f"edge_{i}"][order[at[is_there]]]
+    for i in (1, 2, 3):
+        at, is_there = look_up(node_ids, faces[f"node_{i}"])
+        found[at[is_there]] = faces[f"edge_{i}"][is_there]
     if (found == NONE).any():
         raise NotFoundError(f"{store.path}: level {level}: found no face at node {node_ids[found == NONE][0]}")
     return found
-
-
-def _tiles_at(store: Store, nodes: dict[str, NDArray[Any]], which: NDArray[np.int64]) -> Ids:
-    """Tiles that touch nodes, for nodes of borders whose first tile has no face there."""
-    if len(which) == 0:
-        return which
-    boxes = [store.tiles((x, y, x, y))["tile_id"] for x, y in zip(nodes["x"][which], nodes["y"][which], strict=True)]
-    return np.unique(np.concatenate(boxes))
 
 
 def node_neighbours(store: Store, face_ids: Any) -> Groups:

@@ -9,8 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vpfx.errors import InputError
-from vpfx.geometry import heights_on_faces
-from vpfx.query.location import locate, mesh_of
+from vpfx.geometry import ON_EDGE, heights_on_faces
+from vpfx.model import Extent
+from vpfx.query.location import find_faces
+from vpfx.store.descent import Mesh, descend
 from vpfx.store.store import Store
 from vpfx.topology import NONE
 
@@ -60,7 +62,7 @@ def profile(store: Store, line: Any, level: int) -> Profile:
 
     Notes
     -----
-    Reads the tiles that the line touches. Cost: O(their faces) for each stretch of the line.
+    Reads the faces along the line, from the coarsest level down (`vpfx.store.descent`). Cost: O(pieces + faces of level 0).
     """
     store.check_level(level)
     vertices = np.asarray(line, np.float64)
@@ -81,39 +83,48 @@ def profile(store: Store, line: Any, level: int) -> Profile:
 
 def _stretch(store: Store, start: Floats, end: Floats, level: int, done: float) -> Profile:
     """Follow one straight stretch."""
-    cuts = _crossings(store, start, end, level)
+    mesh = _faces_along(store, start, end, level)
+    nodes, face_nodes = mesh.xyz, mesh.face_nodes
+    cuts = _crossings(nodes, face_nodes, start, end)
     middles = start + ((cuts[:-1] + cuts[1:]) / 2)[:, None] * (end - start)
-    face_ids = locate(store, middles, level).face_ids
-    first = np.flatnonzero(np.append(True, face_ids[1:] != face_ids[:-1]))
-    last = np.append(first[1:], len(face_ids)) - 1
-    is_face = face_ids[first] != NONE
+    face = find_faces(nodes, face_nodes, middles)
+    first = np.flatnonzero(np.append(True, face[1:] != face[:-1]))
+    last = np.append(first[1:], len(face)) - 1
+    is_face = face[first] != NONE
     first, last = first[is_face], last[is_face]
-    ids, along = face_ids[first], np.stack([cuts[first], cuts[last + 1]], axis=1)
-    nodes, face_nodes = mesh_of(store, store.fetch("face", ids))
+    face, along = face[first], np.stack([cuts[first], cuts[last + 1]], axis=1)
     places = start + along[:, :, None] * (end - start)
-    height = [heights_on_faces(nodes, face_nodes, np.arange(len(ids)), places[:, i]) for i in (0, 1)]
+    height = [heights_on_faces(nodes, face_nodes, face, places[:, i]) for i in (0, 1)]
     ends = [np.column_stack([places[:, i], height[i]]) for i in (0, 1)]
-    return Profile(ids, ends[0], ends[1], done + along * float(np.hypot(*(end - start))))
+    length = float(np.hypot(*(end - start)))
+    return Profile(mesh.faces["face_id"][face], ends[0], ends[1], done + along * length)
 
 
-def _crossings(store: Store, start: Floats, end: Floats, level: int) -> Floats:
-    """Shares of a stretch at which it crosses edges of a level, 0 and 1 among them, ascending."""
-    low, high = np.minimum(start, end), np.maximum(start, end)
+def _faces_along(store: Store, start: Floats, end: Floats, level: int) -> Mesh:
+    """Return the faces of a level that a stretch touches, and some beside it."""
     ahead = end - start
-    found = [np.array([0.0, 1.0])]
-    for tile_id in store.tiles((*low, *high))["tile_id"].tolist():
-        faces = store.tile_faces(level, tile_id)
-        if len(faces["face_id"]) == 0:
-            continue
-        nodes, corner = mesh_of(store, faces)
-        place = nodes[:, :2] - start
-        side = place[:, 0] * ahead[1] - place[:, 1] * ahead[0]  # which side of the line each node lies on
-        a, b = corner.ravel(), np.roll(corner, -1, axis=1).ravel()
-        crosses = np.sign(side[a]) != np.sign(side[b])  # also where a node lies on the line
-        a, b = a[crosses], b[crosses]
-        share = side[a] / (side[a] - side[b])
-        at = place[a] + share[:, None] * (place[b] - place[a])
-        found.append((at @ ahead) / (ahead @ ahead))
-    cuts = np.unique(np.concatenate(found))
+    slack = ON_EDGE * float(np.abs(ahead).sum())
+    slack *= float(np.abs(np.subtract(store.extent[2:], store.extent[:2])).sum())
+
+    def touches(corner: Floats) -> NDArray[np.bool_]:
+        side = (corner[:, :, 0] - start[0]) * ahead[1] - (corner[:, :, 1] - start[1]) * ahead[0]
+        found: NDArray[np.bool_] = (side.min(axis=1) <= slack) & (side.max(axis=1) >= -slack)
+        return found
+
+    low, high = np.minimum(start, end), np.maximum(start, end)
+    return descend(store, level, Extent(*low.tolist(), *high.tolist()), touches)
+
+
+def _crossings(nodes: Floats, face_nodes: NDArray[np.int32], start: Floats, end: Floats) -> Floats:
+    """Shares of a stretch at which it crosses edges, 0 and 1 among them, ascending."""
+    ahead = end - start
+    place = nodes[:, :2] - start
+    side = place[:, 0] * ahead[1] - place[:, 1] * ahead[0]  # which side of the line each node lies on
+    a, b = face_nodes.ravel(), np.roll(face_nodes, -1, axis=1).ravel()
+    crosses = np.sign(side[a]) != np.sign(side[b])  # also where a node lies on the line
+    a, b = a[crosses], b[crosses]
+    share = side[a] / (side[a] - side[b])
+    at = place[a] + share[:, None] * (place[b] - place[a])
+    cuts = np.unique((at @ ahead) / (ahead @ ahead))
     inner = cuts[(cuts > LEAST_PIECE) & (cuts < 1.0 - LEAST_PIECE)]
     return np.concatenate([[0.0], inner[np.diff(inner, prepend=0.0) > LEAST_PIECE], [1.0]])

@@ -10,10 +10,11 @@ from numpy.typing import NDArray
 
 from vpfx.errors import InputError, StoreFormatError
 from vpfx.geometry import ON_EDGE, heights_on_faces
+from vpfx.store.descent import MOST_OF_TILES, MOST_PLACES, Mesh, faces_near, mesh_of
 from vpfx.store.store import Store
 from vpfx.topology import NONE
 
-__all__ = ["Located", "locate", "mesh_of"]
+__all__ = ["Located", "bin_of", "bins_of", "find_faces", "locate"]
 
 Floats = NDArray[np.float64]
 
@@ -61,7 +62,8 @@ def locate(store: Store, places: Any, level: int) -> Located:
 
     Notes
     -----
-    Reads the tiles that hold places, one by one. Cost: O(faces of those tiles + places).
+    Tile by tile: for few places, or places near each other, reads the faces there from the coarsest level down
+    (`vpfx.store.descent`), else the tile. Cost: O(faces there + places).
     """
     store.check_level(level)
     xy = np.asarray(places, np.float64)
@@ -77,7 +79,7 @@ def locate(store: Store, places: Any, level: int) -> Located:
         last = np.append(first, len(open_places))[1:]
         for tile, low, high in zip(touched.tolist(), first.tolist(), last.tolist(), strict=True):
             some = open_places[low:high]
-            ids, nodes, face_nodes, *bins = _binned(store, level, tiles, tile)
+            ids, nodes, face_nodes, *bins = _binned(store, level, tiles, tile, xy[some])
             found = _find(np.ascontiguousarray(xy[some]), nodes, face_nodes, *bins)
             is_found = found != NONE
             face_ids[some[is_found]] = ids[found[is_found]]
@@ -105,23 +107,45 @@ def _tiles_at(store: Store, tiles: dict[str, NDArray[Any]], xy: Floats) -> list[
     return found
 
 
-def _binned(store: Store, level: int, tiles: dict[str, NDArray[Any]], tile: int) -> tuple[Any, ...]:
-    """Ids, nodes, face_nodes and bins of a tile, kept for the next question."""
+def _binned(store: Store, level: int, tiles: dict[str, NDArray[Any]], tile: int, xy: Floats) -> tuple[Any, ...]:
+    """Ids, nodes, face_nodes and bins of the faces near places of a tile, or of all its faces, kept for the next question."""
+    low, high = (np.array([tiles[name][tile] for name in names]) for names in (("xmin", "ymin"), ("xmax", "ymax")))
 
-    def make() -> tuple[Any, ...]:
-        faces = store.tile_faces(level, int(tiles["tile_id"][tile]))
-        nodes, face_nodes = mesh_of(store, faces)
-        low, high = (np.array([tiles[name][tile] for name in names]) for names in (("xmin", "ymin"), ("xmax", "ymax")))
-        return (faces["face_id"], nodes, face_nodes, *_bins(nodes, face_nodes, low, high))
+    def make(mesh: Mesh, low: Floats, high: Floats) -> tuple[Any, ...]:
+        return (mesh.faces["face_id"], mesh.xyz, mesh.face_nodes, *bins_of(mesh.xyz, mesh.face_nodes, low, high))
 
-    return store.keep(("bins", level, tile), make)
+    span = np.ptp(xy, axis=0)
+    if len(xy) <= MOST_PLACES or span.prod() < MOST_OF_TILES * (high - low).prod():
+        near = faces_near(store, level, xy, ON_EDGE * float((high - low).max()))
+        return make(near, np.maximum(xy.min(axis=0), low), np.minimum(xy.max(axis=0), high))
+    tile_id = int(tiles["tile_id"][tile])
+    return store.keep(
+        ("bins", level, tile_id), lambda: make(mesh_of(store, store.tile_faces(level, tile_id)), low, high)
+    )
 
 
-def mesh_of(store: Store, faces: dict[str, NDArray[Any]]) -> tuple[Floats, NDArray[np.int32]]:
-    """Nodes, float64 (n_node, 3), and face_nodes, int32 (n_face, 3), of rows of the table `face`."""
-    node_ids, index = np.unique(np.stack([faces[f"node_{i}"] for i in (1, 2, 3)], axis=1), return_inverse=True)
-    rows = store.fetch("node", node_ids)
-    return np.stack([rows[axis] for axis in "xyz"], axis=1), index.reshape(-1, 3).astype(np.int32)
+def find_faces(nodes: Floats, face_nodes: NDArray[np.int32], places: Floats) -> NDArray[np.int64]:
+    """Find the first face that each place lies in or on; -1 for none.
+
+    Parameters
+    ----------
+    nodes : float64 (n_node, 3)
+    face_nodes : int32 (n_face, 3)
+    places : float64 (n, 2)
+
+    Returns
+    -------
+    int64 (n,)
+
+    Examples
+    --------
+    >>> find_faces(np.array([[0, 0, 5.0], [2, 0, 5], [0, 2, 6]]), np.array([[0, 1, 2]], np.int32), np.array([[1, 1], [2, 2.0]]))
+    array([ 0, -1])
+    """
+    if len(face_nodes) == 0:
+        return np.full(len(places), NONE, np.int64)
+    low, high = nodes[:, :2].min(axis=0), nodes[:, :2].max(axis=0)
+    return _find(np.ascontiguousarray(places), nodes, face_nodes, *bins_of(nodes, face_nodes, low, high))
 
 
 def _described(store: Store, face_ids: NDArray[np.int64], z: Floats) -> Located:
@@ -136,9 +160,9 @@ def _described(store: Store, face_ids: NDArray[np.int64], z: Floats) -> Located:
     return Located(face_ids, z, slope, aspect, normal)
 
 
-def _bins(nodes: Floats, face_nodes: NDArray[np.int32], low: Floats, high: Floats) -> tuple[Any, ...]:
+def bins_of(nodes: Floats, face_nodes: NDArray[np.int32], low: Floats, high: Floats) -> tuple[Any, ...]:
     """Sort faces into bins of a rectangle: offsets, faces, corner and size of the bins."""
-    size = np.maximum(high - low, np.finfo(float).tiny)
+    size = np.maximum(high - low, 1e-6 * float((high - low).max()) or 1.0)  # places may lie on one line, or be one
     n_bin = max(1.0, len(face_nodes) / FACES_PER_BIN)
     n_col = int(np.clip(np.round(np.sqrt(n_bin * size[0] / size[1])), 1, n_bin))
     n_row = int(max(1, np.round(n_bin / n_col)))
@@ -147,7 +171,7 @@ def _bins(nodes: Floats, face_nodes: NDArray[np.int32], low: Floats, high: Float
 
 
 @njit(nogil=True, cache=True)
-def _bin_of(value, low, step, n):  # type: ignore[no-untyped-def]
+def bin_of(value, low, step, n):  # type: ignore[no-untyped-def]
     """Return the bin of a coordinate."""
     found = int(np.floor((value - low) / step))
     return min(max(found, 0), n - 1)
@@ -167,8 +191,8 @@ def _sort_faces(nodes, face_nodes, low, step, n_col, n_row):  # type: ignore[no-
                 nodes[face_nodes[face, 2], axis],
             )
             n = n_col if axis == 0 else n_row
-            box[face, axis] = _bin_of(min(a, b, c), low[axis], step[axis], n)
-            box[face, 2 + axis] = _bin_of(max(a, b, c), low[axis], step[axis], n)
+            box[face, axis] = bin_of(min(a, b, c), low[axis], step[axis], n)
+            box[face, 2 + axis] = bin_of(max(a, b, c), low[axis], step[axis], n)
         for row in range(box[face, 1], box[face, 3] + 1):
             for col in range(box[face, 0], box[face, 2] + 1):
                 offsets[row * n_col + col + 1] += 1
@@ -188,7 +212,7 @@ def _find(places, nodes, face_nodes, offsets, faces, low, step, n_col, n_row):  
     found = np.full(len(places), NONE, np.int64)
     for k in range(len(places)):
         x, y = places[k, 0], places[k, 1]
-        at = _bin_of(y, low[1], step[1], n_row) * n_col + _bin_of(x, low[0], step[0], n_col)
+        at = bin_of(y, low[1], step[1], n_row) * n_col + bin_of(x, low[0], step[0], n_col)
         for j in range(offsets[at], offsets[at + 1]):
             face = faces[j]
             a, b, c = face_nodes[face]

@@ -10,7 +10,7 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-from vpfx.query.location import _bin_of
+from vpfx.query.location import bin_of
 
 __all__ = ["first_blocks"]
 
@@ -50,7 +50,7 @@ def first_blocks(nodes, face_nodes, observer_z, ways, bulge, graze, is_first, of
     found = np.full(len(ways), np.inf)
     for ray in range(len(ways)):
         x, y = ways[ray, 0], ways[ray, 1]
-        first, last = _bin_of(0.0, low[0], step[0], n_col), _bin_of(x, low[0], step[0], n_col)
+        first, last = bin_of(0.0, low[0], step[0], n_col), bin_of(x, low[0], step[0], n_col)
         col_step = 1 if last >= first else -1
         for col in range(first, last + col_step, col_step):
             # shares of the ray at which it comes into the column and leaves it
@@ -63,8 +63,8 @@ def first_blocks(nodes, face_nodes, observer_z, ways, bulge, graze, is_first, of
             if enter > found[ray]:
                 break
             y0, y1 = min(enter * y, leave * y), max(enter * y, leave * y)
-            row0 = _bin_of(y0 - SLACK * step[1], low[1], step[1], n_row)
-            row1 = _bin_of(y1 + SLACK * step[1], low[1], step[1], n_row)
+            row0 = bin_of(y0 - SLACK * step[1], low[1], step[1], n_row)
+            row1 = bin_of(y1 + SLACK * step[1], low[1], step[1], n_row)
             for row in range(row0, row1 + 1):
                 for at in range(offsets[row * n_col + col], offsets[row * n_col + col + 1]):
                     share = _block(nodes, face_nodes[faces[at]], observer_z, ways[ray], bulge[ray], graze)

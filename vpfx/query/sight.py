@@ -13,7 +13,7 @@ from vpfx.dem.reference import unit_metres
 from vpfx.errors import InputError
 from vpfx.model import Tin
 from vpfx.query.lines import profile
-from vpfx.query.location import _bins, locate
+from vpfx.query.location import bins_of, locate
 from vpfx.query.rays import first_blocks
 from vpfx.query.region import part_of, region
 from vpfx.store.store import Store
@@ -238,6 +238,6 @@ def _blocked(tin: Tin, origin: Floats, ends: Floats, metres: tuple[float, float]
     ways = ends - (origin[0], origin[1], 0.0)
     bulge = ((ways[:, :2] * metres) ** 2).sum(axis=1) / (2.0 * BENT_RADIUS)
     graze = GRAZE * float(max(np.abs(nodes[:, 2]).max(), np.abs(ways[:, 2]).max(), abs(origin[2])))
-    bins = _bins(nodes, tin.face_nodes, nodes[:, :2].min(axis=0), nodes[:, :2].max(axis=0))
+    bins = bins_of(nodes, tin.face_nodes, nodes[:, :2].min(axis=0), nodes[:, :2].max(axis=0))
     found: Floats = first_blocks(nodes, tin.face_nodes, float(origin[2]), ways, bulge, graze, is_first, *bins)
     return found

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from vpfx.errors import InputError
 from vpfx.geometry import LEAST_SHARED
-from vpfx.query.location import mesh_of
+from vpfx.store.descent import mesh_of
 from vpfx.store.store import Store
 
 __all__ = ["Related", "children", "descendants", "parents", "related", "siblings"]
@@ -162,8 +162,8 @@ def _step(store: Store, ids: Ids, way: str) -> Related:
 def _measured(store: Store, ids: Ids, found: Related) -> Related:
     """Add the areas that pairs share, by GEOS; pairs that only touch are left out."""
     each, place = np.unique(np.concatenate([ids[found.of], found.face_ids]), return_inverse=True)
-    nodes, face_nodes = mesh_of(store, store.fetch("face", each))
-    one, other = shapely.polygons(nodes[:, :2][face_nodes[:, [0, 1, 2, 0]]])[place.reshape(2, -1)]
+    mesh = mesh_of(store, store.fetch("face", each))
+    one, other = shapely.polygons(mesh.xyz[:, :2][mesh.face_nodes[:, [0, 1, 2, 0]]])[place.reshape(2, -1)]
     area = shapely.area(shapely.intersection(one, other))
     is_shared = area > LEAST_SHARED * np.minimum(shapely.area(one), shapely.area(other))
     return Related(found.of[is_shared], found.face_ids[is_shared], area[is_shared])

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import sqlite3
 from collections.abc import Callable, Hashable, Sequence
+from functools import cached_property
 from pathlib import Path
 from types import TracebackType
 from typing import Any
@@ -19,6 +20,7 @@ from vpfx.model import CUTS, Extent, Tin
 from vpfx.store.arrays import NONE_ID, TableReader, look_up, runs_of, to_array
 from vpfx.store.contents import read_extent, read_levels, read_metadata
 from vpfx.store.ddl import schema_sql
+from vpfx.store.descent import descend, mesh_of
 from vpfx.store.digest import REALS
 from vpfx.store.geopackage import APPLICATION_ID
 from vpfx.store.recent import Recent
@@ -163,6 +165,11 @@ class Store:
     def __repr__(self) -> str:
         return f"<Store {self.path} with {len(self.levels)} levels>"
 
+    @cached_property
+    def is_nested(self) -> bool:
+        """Whether each face has at most one parent."""
+        return self._connection.execute("SELECT 1 FROM shared_area LIMIT 1").fetchone() is None
+
     @property
     def sources(self) -> list[dict[str, Any]]:
         """The files of posts and features: name, sha256, byte_count, driver."""
@@ -292,36 +299,26 @@ class Store:
 
         Notes
         -----
-        Reads only the tiles that touch the rectangle.
+        Reads only the tiles that touch the rectangle, and of nested levels only what lies there: see `vpfx.store.descent`.
         """
         self.check_level(level)
-        tile_ids = self.tiles(bbox)["tile_id"].tolist()
-        parts = [self.tile_faces(level, tile_id) for tile_id in tile_ids]
-        faces = {name: np.concatenate([part[name] for part in parts]) for name in parts[0]} if parts else {}
-        if not faces:
-            return Tin(np.empty((0, 3)), np.empty((0, 3), np.int32), crs=self.crs)
-        corners = np.stack([faces[f"node_{i}"] for i in (1, 2, 3)], axis=1)
-        node_ids, index = np.unique(corners, return_inverse=True)
-        try:
-            nodes = self.fetch("node", node_ids)
-        except NotFoundError as error:
-            message = f"found faces with corners that are no nodes ({error})"
-            raise StoreFormatError(str(self.path), "table face", message, "R-170") from None
-        nodes["xyz"] = np.stack([nodes[axis] for axis in "xyz"], axis=1)
-        face_nodes = index.reshape(-1, 3)
-        if bbox is not None:
-            keep = _touches(nodes["xyz"], face_nodes, _checked_box(bbox))
-            faces = {name: values[keep] for name, values in faces.items()}
-            used, index = np.unique(face_nodes[keep], return_inverse=True)
-            nodes = {name: values[used] for name, values in nodes.items()}
-            face_nodes = index.reshape(-1, 3)
+        if bbox is None:
+            mesh = mesh_of(self, self.faces_of_tiles(level, self.tiles()["tile_id"]))
+        else:
+            mesh = descend(self, level, _checked_box(bbox))
+        faces, nodes = mesh.faces, mesh.nodes
         aspect = faces["aspect_centidegrees"]
         attributes = {
             "face_id": faces["face_id"], "tile_id": faces["tile_id"], "is_filled": faces["is_filled"].astype(bool),
             "slope": faces["slope_centidegrees"] / 100.0, "aspect": np.where(aspect == NONE_ID, np.nan, aspect / 100.0),
         }  # fmt: skip
         known = {"node_id": nodes["node_id"], "level": nodes["level"].astype(np.int32), "z_parent": nodes["z_parent"]}
-        return Tin(nodes["xyz"], face_nodes.astype(np.int32), attributes, known, crs=self.crs)
+        return Tin(mesh.xyz, mesh.face_nodes, attributes, known, crs=self.crs)
+
+    def faces_of_tiles(self, level: int, tile_ids: Any) -> dict[str, NDArray[Any]]:
+        """Rows of the faces of one level and some tiles, as of `fetch`."""
+        parts = [self.tile_faces(level, tile_id) for tile_id in tile_ids.tolist()] or [self.fetch("face", [])]
+        return {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
 
     def tile_faces(self, level: int, tile_id: int) -> dict[str, NDArray[Any]]:
         """Rows of the faces of one level and tile, as of `fetch`."""
@@ -387,13 +384,3 @@ def _checked_box(bbox: Sequence[float]) -> Extent:
     if len(bbox) != 4 or not np.isfinite(bbox).all() or bbox[0] > bbox[2] or bbox[1] > bbox[3]:
         raise InputError(f"bbox: found {tuple(bbox)}, expected min_x, min_y, max_x, max_y")
     return Extent(*bbox)
-
-
-def _touches(nodes: NDArray[np.float64], face_nodes: NDArray[np.int64], box: Extent) -> NDArray[np.bool_]:
-    """Faces whose bounding boxes touch a rectangle."""
-    corner = nodes[:, :2][face_nodes]
-    low, high = corner.min(axis=1), corner.max(axis=1)
-    touches: NDArray[np.bool_] = (low <= (box.max_x, box.max_y)).all(axis=1) & (high >= (box.min_x, box.min_y)).all(
-        axis=1
-    )
-    return touches
