@@ -18,7 +18,6 @@ from vpfx.store.page_reader import OTHER, PAGE, REAL, WHOLE, Pages, find_leaves,
 __all__ = ["NONE_ID", "TableReader", "look_up", "runs_of", "to_array"]
 
 NONE_ID = -1  # stands for NULL in integer columns of arrays
-MOST_SKIPPED = 256  # ids between two rows that are read in one sweep
 NO_IDS = 1, 0  # an empty run
 LINKS = {"child_face": ("parent_child", "parent_face"), "parent_face": ("parent_child_by_parent", "child_face")}
 """Columns of links: the B-tree that is sorted by it, and the other column."""
@@ -74,10 +73,25 @@ class TableReader:
         StoreFormatError
             A page or a record is broken, or holds a value of another kind.
         """
+        lows, highs = _limits(runs)
         with self._held() as data:
             columns = self._columns_of(table)
-            parts = [self._run(data, table, columns, *run) for run in runs or [NO_IDS]]
-        return parts[0] if len(parts) == 1 else {n: np.concatenate([part[n] for part in parts]) for n in parts[0]}
+            if data is None:
+                return self._by_sql(table, columns, runs)
+            leaves, most = find_leaves(data, self._roots[table], lows, highs)
+            kinds = np.array([OTHER if i == 0 else kind for i, (_, kind) in enumerate(columns)])
+            room = max(most, 0)
+            wholes = np.empty((int((kinds == WHOLE).sum()), room), np.int64)
+            reals, ids = np.empty((int((kinds == REAL).sum()), room)), np.empty(room, np.int64)
+            count = most if most < 0 else read_records(data, leaves, lows, highs, kinds, wholes, reals, ids)
+            self._check(count, table)
+        found, n_whole, n_real = {columns[0][0]: ids[:count].copy()}, 0, 0
+        for name, kind in columns[1:]:
+            if kind == WHOLE:
+                found[name], n_whole = wholes[n_whole, :count].copy(), n_whole + 1
+            elif kind == REAL:
+                found[name], n_real = reals[n_real, :count].copy(), n_real + 1
+        return found
 
     def links(self, own: str, runs: Runs) -> NDArray[np.int64]:
         """Pairs of linked faces.
@@ -101,17 +115,14 @@ class TableReader:
         """
         index, other = LINKS[own]
         query = f"SELECT {own}, {other} FROM parent_child WHERE {own} BETWEEN ? AND ? ORDER BY {own}, {other}"
-        found = [np.empty((0, 2), np.int64)]
+        lows, highs = _limits(runs)
         with self._held() as data:
-            for run in runs:
-                if data is None:
-                    rows = self._connection.execute(query, run).fetchall()
-                    found.append(self._whole_numbers(rows, "parent_child"))
-                    continue
-                pairs, count = read_pairs(data, self._roots[index], *run)
-                self._check(count, index)
-                found.append(pairs[:count])
-        return np.concatenate(found)
+            if data is None:
+                rows = [row for run in runs for row in self._connection.execute(query, run)]
+                return self._whole_numbers(rows, "parent_child")
+            pairs, count = read_pairs(data, self._roots[index], lows, highs)
+            self._check(count, index)
+            return pairs[:count].copy()
 
     def _whole_numbers(self, rows: list[tuple[Any, ...]], table: str) -> NDArray[np.int64]:
         """Pairs of SQL as an array."""
@@ -125,27 +136,6 @@ class TableReader:
         if count < 0:
             message = "found a broken page, expected a sound file"
             raise StoreFormatError(str(self._path), f"table {table}", message, "R-100")
-
-    def _run(
-        self, data: NDArray[np.uint8] | None, table: str, columns: list[tuple[str, int]], low: int, high: int
-    ) -> dict[str, NDArray[Any]]:
-        """Rows of one run."""
-        if data is None:
-            return self._by_sql(table, columns, low, high)
-        leaves, most = find_leaves(data, self._roots[table], low, high)
-        kinds = np.array([OTHER if i == 0 else kind for i, (_, kind) in enumerate(columns)])
-        room = max(most, 0)
-        wholes = np.empty((int((kinds == WHOLE).sum()), room), np.int64)
-        reals, ids = np.empty((int((kinds == REAL).sum()), room)), np.empty(room, np.int64)
-        count = most if most < 0 else read_records(data, leaves, low, high, kinds, wholes, reals, ids)
-        self._check(count, table)
-        found, n_whole, n_real = {columns[0][0]: ids[:count].copy()}, 0, 0
-        for name, kind in columns[1:]:
-            if kind == WHOLE:
-                found[name], n_whole = wholes[n_whole, :count].copy(), n_whole + 1
-            elif kind == REAL:
-                found[name], n_real = reals[n_real, :count].copy(), n_real + 1
-        return found
 
     def _columns_of(self, table: str) -> list[tuple[str, int]]:
         """Names of the columns of a table, its key first, and what they give."""
@@ -186,27 +176,33 @@ class TableReader:
         except sqlite3.OperationalError as error:
             raise StoreError(f"{self._path}: cannot be read: {error}; somebody is writing, try again") from error
 
-    def _by_sql(self, table: str, columns: list[tuple[str, int]], low: int, high: int) -> dict[str, NDArray[Any]]:
+    def _by_sql(self, table: str, columns: list[tuple[str, int]], runs: Runs) -> dict[str, NDArray[Any]]:
         names = [name for i, (name, kind) in enumerate(columns) if i == 0 or kind != OTHER]
         key = columns[0][0]
         query = f"SELECT {', '.join(names)} FROM {table} WHERE {key} BETWEEN ? AND ? ORDER BY {key}"
-        rows = self._connection.execute(query, (low, high)).fetchall()
+        rows = [row for run in runs for row in self._connection.execute(query, run)]
         values = zip(*rows, strict=True) if rows else ([] for _ in names)
         reals = {name for name, kind in columns if kind == REAL}
         return {name: to_array(column, name in reals) for name, column in zip(names, values, strict=True)}
 
 
+def _limits(runs: Runs) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """First and last ids of runs as arrays; of none an empty one."""
+    lows, highs = np.array(runs or [NO_IDS], np.int64).T
+    return np.ascontiguousarray(lows), np.ascontiguousarray(highs)
+
+
 def runs_of(ids: NDArray[np.int64]) -> list[tuple[int, int]]:
-    """First and last of the runs of ascending ids that are near enough to each other to be read in one sweep.
+    """First and last of the runs of consecutive numbers among ascending ones.
 
     Examples
     --------
     >>> runs_of(np.array([1, 5, 1000, 1001]))
-    [(1, 5), (1000, 1001)]
+    [(1, 1), (5, 5), (1000, 1001)]
     """
     if len(ids) == 0:
         return []
-    end = np.flatnonzero(np.diff(ids.view(np.uint64)) > MOST_SKIPPED)  # no difference is too large
+    end = np.flatnonzero(np.diff(ids.view(np.uint64)) > 1)  # no difference is too large
     return list(zip(ids[np.append(0, end + 1)].tolist(), ids[np.append(end, len(ids) - 1)].tolist(), strict=True))
 
 

@@ -12,7 +12,7 @@ import numpy as np
 from numba import njit
 
 from vpfx.store.page_cells import INNER_INDEX, LEAF_INDEX
-from vpfx.store.page_reader import IS_BROKEN, PAGE, head_of, size_of, varint, whole
+from vpfx.store.page_reader import IS_BROKEN, PAGE, grown, head_of, meets, size_of, varint, whole
 
 __all__ = ["read_pairs"]
 
@@ -20,15 +20,16 @@ MOST_DEEP = 64  # pages from the root to a leaf; SQLite has 20 at most
 
 
 @njit(nogil=True, cache=True)
-def read_pairs(data, root, low, high):
-    """Decode the pairs of an index whose first number lies in a range.
+def read_pairs(data, root, lows, highs):
+    """Decode the pairs of an index whose first number lies in runs.
 
     Parameters
     ----------
     data : uint8 (n_page * PAGE,)
     root : int
         Page of the index.
-    low, high : int
+    lows, highs : int64 (n_run,)
+        First and last number of each run, ascending.
 
     Returns
     -------
@@ -37,7 +38,7 @@ def read_pairs(data, root, low, high):
 
     Notes
     -----
-    Cost: O(pages that hold the range + depth of the tree).
+    Cost: O(pages that hold the runs · log n_run + depth of the tree).
     """
     n_page = len(data) // PAGE
     found, count = np.empty((64, 2), np.int64), 0
@@ -51,11 +52,10 @@ def read_pairs(data, root, low, high):
         start, stop = (page - 1) * PAGE, page * PAGE
         if kind == LEAF_INDEX:
             for i in range(n_cell):
-                at = start + (np.int64(data[pointers + 2 * i]) << 8 | np.int64(data[pointers + 2 * i + 1]))
-                first, second, is_sound = _pair_at(data, at, stop)
+                first, second, is_sound = _pair_at(data, start + _cell(data, pointers, i), stop)
                 if not is_sound:
                     return found, IS_BROKEN
-                if low <= first <= high:
+                if meets(lows, highs, first, first):
                     found, count = _put(found, count, first, second)
             depth -= 1
             continue
@@ -63,19 +63,21 @@ def read_pairs(data, root, low, high):
             return found, IS_BROKEN
         i = state // 2  # state 2 i: before child i, 2 i + 1: before the record between children i and i + 1
         at = pointers - 4
-        first, second = np.iinfo(np.int64).max, np.int64(0)
+        previous, first, second = np.iinfo(np.int64).min, np.iinfo(np.int64).max, np.int64(0)
+        if i > 0:
+            previous, _, _ = _pair_at(data, start + _cell(data, pointers, i - 1) + 4, stop)  # was sound
         if i < n_cell:
-            at = start + (np.int64(data[pointers + 2 * i]) << 8 | np.int64(data[pointers + 2 * i + 1]))
+            at = start + _cell(data, pointers, i)
             first, second, is_sound = _pair_at(data, at + 4, stop)
             if not is_sound:
                 return found, IS_BROKEN
         states[depth - 1] += 1
         if state % 2 == 1:
-            if i == n_cell or first > high:
+            if i == n_cell or first > highs[-1]:
                 depth -= 1
-            elif first >= low:
+            elif meets(lows, highs, first, first):
                 found, count = _put(found, count, first, second)
-        elif first >= low:
+        elif meets(lows, highs, previous, first):
             seen += 1
             if depth == MOST_DEEP or seen > n_page:
                 return found, IS_BROKEN
@@ -109,11 +111,15 @@ def _pair_at(data, at, stop):
 
 
 @njit(nogil=True, cache=True)
+def _cell(data, pointers, i):
+    """Return the place of cell i in its page."""
+    return np.int64(data[pointers + 2 * i]) << 8 | np.int64(data[pointers + 2 * i + 1])
+
+
+@njit(nogil=True, cache=True)
 def _put(found, count, first, second):
     """Append a pair; return the array, grown if it was full, and the count."""
     if count == len(found):
-        grown = np.empty((2 * count, 2), np.int64)
-        grown[:count] = found
-        found = grown
+        found = grown(found)
     found[count] = first, second
     return found, count + 1

@@ -17,7 +17,19 @@ from numpy.typing import NDArray
 
 from vpfx.store.page_cells import INNER_INDEX, INNER_TABLE, LEAF_TABLE
 
-__all__ = ["IS_BROKEN", "PAGE", "Pages", "find_leaves", "head_of", "read_records", "size_of", "varint", "whole"]
+__all__ = [
+    "IS_BROKEN",
+    "PAGE",
+    "Pages",
+    "find_leaves",
+    "grown",
+    "head_of",
+    "meets",
+    "read_records",
+    "size_of",
+    "varint",
+    "whole",
+]
 
 PAGE = 4096
 FILE_HEADER = 100  # bytes, on the first page
@@ -88,15 +100,31 @@ def head_of(data, page):
 
 
 @njit(nogil=True, cache=True)
-def find_leaves(data, root, low, high):
-    """List the leaves of a table that may hold rows from one id to another, in order.
+def meets(lows, highs, low, high):
+    """Tell whether any of some ascending runs holds a number from low to high."""
+    run = np.searchsorted(highs, low)
+    return run < len(highs) and lows[run] <= high
+
+
+@njit(nogil=True, cache=True)
+def grown(values):
+    """Return an array with room for twice as many rows, and its values."""
+    larger = np.empty((2 * len(values), *values.shape[1:]), values.dtype)
+    larger[: len(values)] = values
+    return larger
+
+
+@njit(nogil=True, cache=True)
+def find_leaves(data, root, lows, highs):
+    """List the leaves of a table that may hold rows of some runs of ids, in order.
 
     Parameters
     ----------
     data : uint8 (n_page * PAGE,)
     root : int
         Page of the table.
-    low, high : int
+    lows, highs : int64 (n_run,)
+        First and last id of each run, ascending.
 
     Returns
     -------
@@ -105,11 +133,10 @@ def find_leaves(data, root, low, high):
 
     Notes
     -----
-    Cost: O(pages listed + depth of the tree).
+    Cost: O(pages listed · log n_run + depth of the tree).
     """
     n_page = len(data) // PAGE
-    leaves = np.empty(16, np.int64)
-    stack, n_left = np.empty(n_page + 1, np.int64), 1
+    leaves, stack, n_left = np.empty(16, np.int64), np.empty(1024, np.int64), 1
     stack[0], count, n_row, seen = root, 0, 0, 0
     while n_left > 0:
         n_left -= 1
@@ -120,9 +147,7 @@ def find_leaves(data, root, low, high):
         kind, n_cell, pointers = head_of(data, page)
         if kind == LEAF_TABLE:
             if count == len(leaves):
-                grown = np.empty(2 * count, np.int64)
-                grown[:count] = leaves
-                leaves = grown
+                leaves = grown(leaves)
             leaves[count] = page
             count += 1
             n_row += n_cell
@@ -143,12 +168,14 @@ def find_leaves(data, root, low, high):
                     return leaves[:0], IS_BROKEN
             else:
                 at = pointers - 4
-            if last >= low and previous < high:
+            if meets(lows, highs, previous, last):
                 child = np.int64(0)
                 for b in range(4):
                     child = child << 8 | np.int64(data[at + b])
                 if n_left > n_page:
                     return leaves[:0], IS_BROKEN
+                if n_left == len(stack):
+                    stack = grown(stack)
                 stack[n_left] = child
                 n_left += 1
             previous = last
@@ -157,15 +184,15 @@ def find_leaves(data, root, low, high):
 
 
 @njit(nogil=True, cache=True)
-def read_records(data, leaves, low, high, kinds, wholes, reals, ids):
-    """Decode the rows of some leaves whose ids lie in a range.
+def read_records(data, leaves, lows, highs, kinds, wholes, reals, ids):
+    """Decode the rows of some leaves whose ids lie in runs.
 
     Parameters
     ----------
     data : uint8 (n_page * PAGE,)
     leaves : int64 (n_leaf,)
         By `find_leaves`.
-    low, high : int
+    lows, highs : int64 (n_run,)
     kinds : int64 (n_column,)
         What each column gives: OTHER, WHOLE or REAL.
     wholes : int64 (n_whole, ≥ n), reals : float64 (n_real, ≥ n), ids : int64 (≥ n,)
@@ -180,7 +207,7 @@ def read_records(data, leaves, low, high, kinds, wholes, reals, ids):
     -----
     Cost: O(bytes of the leaves).
     """
-    count = 0
+    count = run = 0
     for page in leaves:
         kind, n_cell, pointers = head_of(data, page)
         start, stop = (page - 1) * PAGE, page * PAGE
@@ -194,7 +221,9 @@ def read_records(data, leaves, low, high, kinds, wholes, reals, ids):
             row, at = varint(data, at, stop)
             if at < 0 or n_byte < 1 or n_byte > stop - at:
                 return IS_BROKEN
-            if row < low or row > high:
+            while run < len(highs) and highs[run] < row:
+                run += 1
+            if run == len(highs) or row < lows[run]:
                 continue
             end = at + n_byte
             n_head, types = varint(data, at, end)

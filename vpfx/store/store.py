@@ -255,7 +255,7 @@ class Store:
 
         Notes
         -----
-        Ids near each other are read in one sweep. Cost: O(pages of those sweeps).
+        Cost: O(pages with such rows, ids · log ids).
         """
         if table not in _RANGED:
             raise InputError(f"table: found {table!r}, expected one of: {', '.join(_RANGED)}")
@@ -353,8 +353,7 @@ class Store:
         int64 (n_pair, 2)
             Ascending.
         """
-        pairs = self._reader.links(own, runs_of(ids))
-        return pairs[look_up(ids, pairs[:, 0])[1]]
+        return self._reader.links(own, runs_of(ids))
 
     def check_level(self, level: int) -> None:
         """Refuse a level that is not there.
