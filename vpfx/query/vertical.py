@@ -12,9 +12,9 @@ from numpy.typing import NDArray
 
 from vpfx.errors import InputError
 from vpfx.store.arrays import runs_of
-from vpfx.store.store import Store
+from vpfx.store.store import NO_IDS, Store
 
-__all__ = ["Related", "children", "descendants", "parents", "related", "siblings"]
+__all__ = ["Linked", "Related", "children", "descendants", "follow", "parents", "related", "siblings"]
 
 Ids = NDArray[np.int64]
 
@@ -34,6 +34,29 @@ class Related(NamedTuple):
     face_ids: Ids
 
 
+class Linked(NamedTuple):
+    """Pairs of a face asked for and a face it is linked to, in the order asked, then ascending.
+
+    Attributes
+    ----------
+    of : int64 (n_pair,)
+        Place of the first in what was asked.
+    face_ids : int64 (n_pair,)
+        The second.
+    area : float64 (n_pair,)
+        What the two share, squared CRS units; NaN where levels are nested: all of the child.
+    """
+
+    of: Ids
+    face_ids: Ids
+    area: NDArray[np.float64]
+
+
+def follow(store: Store, face_ids: Ids, way: str) -> Linked:
+    """Follow links of faces one level ``up`` or ``down``, with the areas shared; the ids are not checked."""
+    return Linked(*_step(store, face_ids, way))
+
+
 def parents(store: Store, face_ids: Any) -> Related:
     """Faces of the level before that share area with each face; none on level 0.
 
@@ -42,7 +65,7 @@ def parents(store: Store, face_ids: Any) -> Related:
     NotFoundError
         There is no such face.
     """
-    return _step(store, _checked(store, face_ids), "up")
+    return Related(*_step(store, _checked(store, face_ids), "up")[:2])
 
 
 def children(store: Store, face_ids: Any) -> Related:
@@ -53,7 +76,7 @@ def children(store: Store, face_ids: Any) -> Related:
     NotFoundError
         There is no such face.
     """
-    return _step(store, _checked(store, face_ids), "down")
+    return Related(*_step(store, _checked(store, face_ids), "down")[:2])
 
 
 def related(store: Store, face_ids: Any, level: int) -> Related:
@@ -83,7 +106,7 @@ def related(store: Store, face_ids: Any, level: int) -> Related:
         is_there = at == level
         done.append((index[is_there], current[is_there]))
         index, current, at = index[~is_there], current[~is_there], at[~is_there]
-        moved = [(_step(store, current[way], name), way, change) for way, name, change in (
+        moved = [(follow(store, current[way], name), way, change) for way, name, change in (
             (np.flatnonzero(at > level), "up", -1), (np.flatnonzero(at < level), "down", 1))]  # fmt: skip
         at = np.concatenate([at[way][step.of] + change for step, way, change in moved])
         index, current = (
@@ -124,25 +147,27 @@ def _checked(store: Store, face_ids: Any) -> Ids:
     return store.fetch("face", ids)["face_id"]
 
 
-def _step(store: Store, ids: Ids, way: str) -> Related:
+def _step(store: Store, ids: Ids, way: str) -> tuple[Ids, Ids, NDArray[np.float64]]:
     """Follow links one level up or down."""
     wanted, index = np.unique(ids, return_inverse=True)
-    pairs = _links(store, wanted, way)
-    low, high = (np.searchsorted(pairs[:, 0], wanted, side=side) for side in ("left", "right"))
+    own, other, area = _links(store, wanted, way)
+    low, high = (np.searchsorted(own, wanted, side=side) for side in ("left", "right"))
     count = (high - low)[index]
     owner = np.repeat(np.arange(len(ids)), count)
     first = np.cumsum(count) - count
     place = low[index][owner] + np.arange(len(owner)) - first[owner]
-    return Related(owner, pairs[place, 1])
+    return owner, other[place], area[place]
 
 
-def _links(store: Store, ids: Ids, way: str) -> Ids:
-    """Pairs of an id and its parent, or child, (n, 2), sorted; ids ascending."""
+def _links(store: Store, ids: Ids, way: str) -> tuple[Ids, Ids, NDArray[np.float64]]:
+    """Ids, their parents or children, and the areas they share, sorted; ids ascending."""
     own, other = ("child_face", "parent_face") if way == "up" else ("parent_face", "child_face")
-    query = f"SELECT {own}, {other} FROM parent_child WHERE {own} BETWEEN ? AND ? ORDER BY {own}, {other}"
-    found = [np.empty((0, 2), np.int64)]
-    for run in runs_of(ids):
-        columns = store.select(query, run)
-        found.append(np.stack([columns[own], columns[other]], axis=1))
-    pairs = np.concatenate(found)
-    return pairs[np.isin(pairs[:, 0], ids)]
+    query = (
+        f"SELECT p.{own}, p.{other}, s.area FROM parent_child p "
+        "LEFT JOIN shared_area s ON s.child_face = p.child_face AND s.parent_face = p.parent_face "
+        f"WHERE p.{own} BETWEEN ? AND ? ORDER BY p.{own}, p.{other}"
+    )
+    found = [tuple(store.select(query, run).values()) for run in runs_of(ids) or [NO_IDS]]
+    columns = [np.concatenate(parts) for parts in zip(*found, strict=True)]
+    is_asked = np.isin(columns[0], ids)
+    return columns[0][is_asked], columns[1][is_asked], columns[2][is_asked]
