@@ -4,6 +4,7 @@ from vpfx.cli.build import build
 from vpfx.cli.common import app, main
 from vpfx.cli.compare import compare, measure
 from vpfx.cli.query import at, profile, query
+from vpfx.cli.sql import sql
 from vpfx.cli.store import info, plot
 
-__all__ = ["app", "at", "build", "compare", "info", "main", "measure", "plot", "profile", "query"]
+__all__ = ["app", "at", "build", "compare", "info", "main", "measure", "plot", "profile", "query", "sql"]

@@ -29,7 +29,7 @@ from vpfx.store.classes import (
 from vpfx.store.contents import check_schema
 from vpfx.store.geopackage import register_class, unregister_class
 
-__all__ = ["Editor", "Savepoint", "edit_store"]
+__all__ = ["Editor", "Savepoint", "edit_store", "told"]
 
 Ids = NDArray[np.int64]
 
@@ -131,32 +131,34 @@ class Editor:
     ----------
     path : Path
         The file.
+    connection : sqlite3.Connection
+        In the transaction; for what `vpfx.query.sql` allows.
     """
 
     def __init__(self, connection: sqlite3.Connection, path: Path) -> None:
-        self.path, self._connection, self._depth = path, connection, 0
+        self.path, self.connection, self._depth = path, connection, 0
 
     @property
     def classes(self) -> dict[str, FeatureClass]:
         """Feature classes by name, as they are now."""
-        return read_classes(self._connection, self.path)
+        return read_classes(self.connection, self.path)
 
     @contextmanager
     def savepoint(self) -> Iterator[Savepoint]:
         """Surround steps that are undone together, by `Savepoint.undo` or an exception; may stand inside another."""
         self._depth += 1
         name = f"edit_{self._depth}"
-        self._connection.execute(f"SAVEPOINT {name}")
+        self.connection.execute(f"SAVEPOINT {name}")
         try:
-            yield Savepoint(self._connection, name)
+            yield Savepoint(self.connection, name)
         except BaseException:
-            if self._connection.in_transaction:  # else SQLite itself has undone all
-                self._connection.execute(f"ROLLBACK TO {name}")
+            if self.connection.in_transaction:  # else SQLite itself has undone all
+                self.connection.execute(f"ROLLBACK TO {name}")
             raise
         finally:
             self._depth -= 1
-            if self._connection.in_transaction:
-                self._connection.execute(f"RELEASE {name}")
+            if self.connection.in_transaction:
+                self.connection.execute(f"RELEASE {name}")
 
     def create_class(self, name: str, columns: Mapping[str, str | Column], description: str = "") -> FeatureClass:
         """Make a feature class and its table.
@@ -179,7 +181,7 @@ class Editor:
             check_name(column, "column"): Column(kind) if isinstance(kind, str) else Column(*kind)
             for column, kind in columns.items()
         }
-        if self._connection.execute("SELECT 1 FROM sqlite_schema WHERE name = ?", (name,)).fetchone():
+        if self.connection.execute("SELECT 1 FROM sqlite_schema WHERE name = ?", (name,)).fetchone():
             raise InputError(f"class: found {name!r}, a table or view of that name is there; give another name")
         if not 1 <= len(described) <= MOST_COLUMNS or "feature_id" in described:
             raise InputError(f"class {name}: found columns {', '.join(described)}, expected 1 … {MOST_COLUMNS}, "
@@ -189,11 +191,11 @@ class Editor:
                 raise InputError(f"column {column}: found kind {kind!r}, expected one of: {', '.join(KINDS)}")
         with self.savepoint():
             insert = "INSERT INTO feature_class (class_name, description) VALUES (?, ?)"
-            class_id = self._connection.execute(insert, (name, description)).lastrowid or 0
+            class_id = self.connection.execute(insert, (name, description)).lastrowid or 0
             rows = [(class_id, column, *parts) for column, parts in described.items()]
-            self._connection.executemany("INSERT INTO feature_column VALUES (?, ?, ?, ?, ?)", rows)
-            self._connection.execute(class_sql(name, described))
-            register_class(self._connection, name, description)
+            self.connection.executemany("INSERT INTO feature_column VALUES (?, ?, ?, ?, ?)", rows)
+            self.connection.execute(class_sql(name, described))
+            register_class(self.connection, name, description)
         return FeatureClass(class_id, name, description, described)
 
     def drop_class(self, name: str) -> None:
@@ -207,9 +209,9 @@ class Editor:
         with self.savepoint():
             for table in ("face_feature", "feature", "value_description", "feature_column", "feature_class"):
                 if table == "feature":
-                    self._connection.execute(f"DROP TABLE {found.name}")
-                self._connection.execute(f"DELETE FROM {table} WHERE class_id = ?", (found.class_id,))
-            unregister_class(self._connection, found.name)
+                    self.connection.execute(f"DROP TABLE {found.name}")
+                self.connection.execute(f"DELETE FROM {table} WHERE class_id = ?", (found.class_id,))
+            unregister_class(self.connection, found.name)
 
     def describe_values(self, name: str, column: str, descriptions: Mapping[Any, str]) -> None:
         """Say what values of a column mean, in the place of what was said of them before.
@@ -226,7 +228,7 @@ class Editor:
             (found.class_id, column, str(stored(value, found.columns[column], column)), text)
             for value, text in descriptions.items()
         ]
-        self._connection.executemany("INSERT OR REPLACE INTO value_description VALUES (?, ?, ?, ?)", rows)
+        self.connection.executemany("INSERT OR REPLACE INTO value_description VALUES (?, ?, ?, ?)", rows)
 
     def add_features(self, name: str, columns: Mapping[str, Any]) -> Ids:
         """Add features to a class.
@@ -254,14 +256,14 @@ class Editor:
             message = f"no column {unknown[0]!r}" if unknown else f"columns of {sorted(lengths)} values"
             raise InputError(f"class {name}: found {message}, expected as many of each of: {', '.join(found.columns)}")
         values = [[stored(value, found.columns[c], c) for value in given] for c, given in columns.items()]
-        (last,) = self._connection.execute("SELECT coalesce(max(feature_id), 0) FROM feature").fetchone()
+        (last,) = self.connection.execute("SELECT coalesce(max(feature_id), 0) FROM feature").fetchone()
         ids = range(last + 1, last + 1 + lengths.pop())
         with self.savepoint():
             rows: Any = ((feature, found.class_id) for feature in ids)
-            self._connection.executemany("INSERT INTO feature VALUES (?, ?)", rows)
+            self.connection.executemany("INSERT INTO feature VALUES (?, ?)", rows)
             places = ", ".join("?" * (1 + len(columns)))
             insert = f"INSERT INTO {name} (feature_id, {', '.join(columns)}) VALUES ({places})"
-            self._connection.executemany(insert, zip(ids, *values, strict=True))
+            self.connection.executemany(insert, zip(ids, *values, strict=True))
         return np.array(ids, np.int64)
 
     def set_faces(self, name: str, face_ids: Any, feature_ids: Any, shares: Any = None) -> None:
@@ -294,7 +296,7 @@ class Editor:
             self.clear_faces(name, faces)
             rows = zip(given.tolist(), features.tolist(), np.minimum(parts, 1.0).tolist(), strict=True)
             insert = f"INSERT INTO face_feature VALUES (?, {found.class_id}, ?, ?)"
-            self._connection.executemany(insert, rows)
+            self.connection.executemany(insert, rows)
 
     def clear_faces(self, name: str, face_ids: Any) -> None:
         """Take what faces have of a class by themselves; they inherit from then on.
@@ -305,7 +307,7 @@ class Editor:
             No such class.
         """
         query = f"DELETE FROM face_feature WHERE face_id = ? AND class_id = {self._class(name).class_id}"
-        self._connection.executemany(query, ((face,) for face in _whole(face_ids, "faces").tolist()))
+        self.connection.executemany(query, ((face,) for face in _whole(face_ids, "faces").tolist()))
 
     def _class(self, name: str) -> FeatureClass:
         return find_class(self.classes, name, self.path)
@@ -314,7 +316,7 @@ class Editor:
         """Refuse ids, each once, that have no row."""
         query = f"SELECT 1 FROM {table} WHERE {table}_id = ?{further}"
         for number in ids.tolist():
-            if not self._connection.execute(query, (number,)).fetchone():
+            if not self.connection.execute(query, (number,)).fetchone():
                 raise NotFoundError(f"{self.path}: found no {table} {number}{' of the class' if further else ''}")
 
 
