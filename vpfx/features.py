@@ -5,8 +5,8 @@ from __future__ import annotations
 import os
 import re
 import warnings
-from collections.abc import Sequence
-from contextlib import suppress
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager, suppress
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -23,7 +23,7 @@ from vpfx.dem.reference import split_crs
 from vpfx.errors import DemFormatError, FeatureFormatError, InputError
 from vpfx.model import Extent
 
-__all__ = ["Features", "lines_in_posts", "read_features"]
+__all__ = ["Areas", "Features", "lines_in_posts", "read_areas", "read_features"]
 
 Floats = NDArray[np.float64]
 Paths = str | os.PathLike[str] | Sequence[str | os.PathLike[str]]
@@ -132,33 +132,121 @@ def _check_heights(name: str, lines: list[Floats], use_z: bool) -> None:
             raise FeatureFormatError(name, f"vertex ({x:.10g}, {y:.10g})", message)
 
 
+class _Layer(NamedTuple):
+    """Geometries of a file near a DEM, in its own CRS."""
+
+    geometries: NDArray[Any]
+    fields: dict[str, tuple[str, NDArray[Any]]]
+    to_dem: Transformer
+    near: tuple[float, float, float, float]
+    unit: float  # of z, metres
+    driver: str
+
+
 def _read_file(name: str, full: str, crs: CRS, extent: Extent, layer: str | None) -> tuple[list[Floats], str]:
     """Read one file; return its lines, and the format."""
-    driver = _format_of(name, full)
-    if driver == "GeoJSON":
-        _check_member(name, full)
+    with _readable(name, "lines or areas"):
+        found = _read_layer(name, full, crs, extent, layer, [])
+        lines = _to_lines(name, found.geometries, found.to_dem, found.near)
+    for line in lines:
+        line[:, 2] *= found.unit
+    return lines, found.driver
+
+
+@contextmanager
+def _readable(name: str, what: str) -> Iterator[None]:
+    """Tell errors of GDAL, GEOS and PROJ as errors of the file."""
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # GDAL's, of files that can be read all the same
-            layers = pyogrio.list_layers(full)[:, 0].tolist()
-            _check_layer(name, layers, layer)
-            information = pyogrio.read_info(full, layer=layer)
-            if information["geometry_type"] is None:
-                raise FeatureFormatError(name, "", "found a table without geometry, expected points, lines or areas")
-            if not information["crs"]:
-                raise FeatureFormatError(name, "", f"found no CRS that is known, {WANTED_CRS}")
-            horizontal, unit = _split(name, information["crs"])
-            to_dem = Transformer.from_crs(horizontal, crs, always_xy=True)
-            near = _bounds_near(name, to_dem, extent)
-            _, _, geometries, _ = pyogrio.raw.read(full, layer=layer, columns=[], bbox=near)
-            lines = _to_lines(name, shapely.from_wkb(geometries), to_dem, near)
-            for line in lines:
-                line[:, 2] *= unit
-            return lines, driver
+            yield
     except (pyogrio.errors.DataSourceError, pyogrio.errors.DataLayerError, pyogrio.errors.GeometryError,
             pyogrio.errors.FeatureError, shapely.errors.ShapelyError, ProjError, UnicodeDecodeError) as error:  # fmt: skip
         reason = " ".join(str(error).split())
-        raise FeatureFormatError(name, "", f"cannot be read as lines or areas: {reason}") from error
+        raise FeatureFormatError(name, "", f"cannot be read as {what}: {reason}") from error
+
+
+def _read_layer(name: str, full: str, crs: CRS, extent: Extent, layer: str | None, columns: list[str] | None) -> _Layer:
+    """Read what is near a DEM of one layer of a file, with some fields, or all."""
+    driver = _format_of(name, full)
+    if driver == "GeoJSON":
+        _check_member(name, full)
+    layers = pyogrio.list_layers(full)[:, 0].tolist()
+    _check_layer(name, layers, layer)
+    information = pyogrio.read_info(full, layer=layer)
+    if information["geometry_type"] is None:
+        raise FeatureFormatError(name, "", "found a table without geometry, expected points, lines or areas")
+    if not information["crs"]:
+        raise FeatureFormatError(name, "", f"found no CRS that is known, {WANTED_CRS}")
+    horizontal, unit = _split(name, information["crs"])
+    kinds = dict(zip(information["fields"].tolist(), map(str, information["dtypes"]), strict=True))
+    for column in columns or ():
+        if column not in kinds:
+            raise InputError(f"{name}: found no field {column!r}, expected some of: {', '.join(kinds)}")
+    to_dem = Transformer.from_crs(horizontal, crs, always_xy=True)
+    near = _bounds_near(name, to_dem, extent)
+    meta, _, geometries, values = pyogrio.raw.read(full, layer=layer, columns=columns, bbox=near)
+    fields = {field: (kinds[field], value) for field, value in zip(meta["fields"].tolist(), values, strict=True)}
+    return _Layer(shapely.from_wkb(geometries), fields, to_dem, near, unit, driver)
+
+
+class Areas(NamedTuple):
+    """Areas with fields.
+
+    Attributes
+    ----------
+    polygons : object (n,)
+        Polygons and multipolygons of shapely in the CRS asked for, valid, cut off a little beyond the extent.
+    fields : dict of str to (str, array (n,))
+        GDAL's type of each field, as numpy names it, and its values.
+    """
+
+    polygons: NDArray[Any]
+    fields: dict[str, tuple[str, NDArray[Any]]]
+
+
+def read_areas(
+    path: str | os.PathLike[str], crs: str, extent: Extent, *, layer: str | None = None, columns: list[str] | None = None
+) -> Areas:  # fmt: skip
+    """Read the areas of a vector file that lie on an extent, with their fields.
+
+    Parameters
+    ----------
+    path : path
+        A local file of the formats `FORMATS`.
+    crs : str
+        CRS to bring them into, WKT2.
+    extent : Extent
+        In that CRS.
+    layer : str, optional
+        The layer to read, of files with several.
+    columns : list of str, optional
+        Fields to read; all if left out.
+
+    Raises
+    ------
+    InputError
+        There is no CRS, the path is not local, a layer or field is missing, or no area lies on the extent.
+    NotFoundError
+        There is no such file.
+    FeatureFormatError
+        The file is of no such format, broken, tells no CRS, or holds something else than areas.
+    """
+    name = os.fspath(path)
+    if not crs:
+        raise InputError(f"{name}: found a store without CRS, expected one: areas cannot be brought into it")
+    with _readable(name, "areas"):
+        found = _read_layer(name, _plain_file(name), CRS.from_user_input(crs), extent, layer, columns)
+        is_there = ~shapely.is_missing(found.geometries)
+        if not np.isin(shapely.get_type_id(found.geometries[is_there]), AREAS).all():
+            raise FeatureFormatError(name, "geometry", "found points or lines, expected areas")
+        cut = shapely.intersection(shapely.make_valid(found.geometries), shapely.box(*found.near))
+        polygons = shapely.transform(cut, found.to_dem.transform, interleaved=False)
+        polygons = shapely.make_valid(polygons)
+        is_there = is_there & shapely.intersects(polygons, shapely.box(*extent))
+    if not is_there.any():
+        raise InputError(f"{name}: found no area on the store, expected some within {tuple(extent)}")
+    return Areas(polygons[is_there], {field: (kind, v[is_there]) for field, (kind, v) in found.fields.items()})
 
 
 def _split(name: str, crs: str) -> tuple[CRS, float]:
