@@ -136,6 +136,7 @@ def _guard(writable: frozenset[str]) -> Authorizer:
 def _ask(connection: sqlite3.Connection, question: str, guard: Authorizer) -> Answer:
     """Run one statement under guard; an interruption ends it."""
     connection.text_factory = lambda text: text.decode("utf-8", "replace")
+    connection.execute("SELECT 1 FROM tile_index LIMIT 0")  # an R*Tree prepares writing when it is first used
     connection.set_authorizer(guard)
     connection.set_progress_handler(lambda: 0, BETWEEN_LOOKS)  # Python looks for signals when it is called
     try:

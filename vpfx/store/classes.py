@@ -23,7 +23,7 @@ KINDS = {
     "text": ("TEXT", "typeof({0}) = 'text'"),
     "integer": ("INTEGER", "typeof({0}) = 'integer'"),
     "real": ("DOUBLE", "typeof({0}) = 'real'"),
-    "date": ("DATE", "typeof({0}) = 'text' AND {0} IS date({0})"),
+    "date": ("DATE", "typeof({0}) = 'text' AND {0} IS date({0}, '+0 days')"),
 }
 """Kinds of columns: declared type in SQLite, and what holds of a value that is not NULL."""
 
