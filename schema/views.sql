@@ -38,14 +38,15 @@ CREATE VIEW face_ancestor AS
 SELECT f.face_id, g.face_id AS ancestor, g.level, j.value AS share
 FROM face f
 CROSS JOIN json_each((
-  WITH RECURSIVE up (face_id, share) AS (
-    SELECT f.face_id, 1.0
+  WITH RECURSIVE up (face_id, level, share) AS (
+    SELECT f.face_id, f.level, 1.0
     UNION ALL
-    SELECT p.parent_face, u.share
+    SELECT p.parent_face, u.level - 1, u.share
       * CASE WHEN s.area IS NULL THEN 1.0 ELSE s.area / (SELECT area FROM face_area WHERE face_id = u.face_id) END
     FROM up u
     CROSS JOIN parent_child p ON p.child_face = u.face_id
     LEFT JOIN shared_area s ON s.child_face = p.child_face AND s.parent_face = p.parent_face
+    WHERE u.level > 0
   )
   SELECT '{' || group_concat('"' || face_id || '":' || printf('%!.17g', share)) || '}'
   FROM (SELECT face_id, sum(share) AS share FROM up WHERE face_id <> f.face_id GROUP BY face_id)
@@ -57,13 +58,13 @@ CREATE VIEW face_descendant AS
 SELECT f.face_id, g.face_id AS descendant, g.level, j.value AS share
 FROM face f
 CROSS JOIN json_each((
-  WITH RECURSIVE down (face_id, area, share) AS (
-    SELECT face_id, area, 1.0 FROM face_area WHERE face_id = f.face_id
+  WITH RECURSIVE down (face_id, level, area, share) AS (
+    SELECT face_id, level, area, 1.0 FROM face_area WHERE face_id = f.face_id
     UNION ALL
-    SELECT k.face_id, k.area, d.share * coalesce(s.area, k.area) / d.area
+    SELECT k.face_id, k.level, k.area, d.share * coalesce(s.area, k.area) / d.area
     FROM down d
     CROSS JOIN parent_child p ON p.parent_face = d.face_id
-    CROSS JOIN face_area k ON k.face_id = p.child_face
+    CROSS JOIN face_area k ON k.face_id = p.child_face AND k.level = d.level + 1
     LEFT JOIN shared_area s ON s.child_face = p.child_face AND s.parent_face = p.parent_face
   )
   SELECT '{' || group_concat('"' || face_id || '":' || printf('%!.17g', share)) || '}'
@@ -79,15 +80,15 @@ SELECT f.face_id, f.level, c.class_name, CAST(j.key AS INTEGER) AS feature_id, j
 FROM face f
 CROSS JOIN feature_class c
 CROSS JOIN json_each((
-  WITH RECURSIVE up (face_id, share) AS (
-    SELECT f.face_id, 1.0
+  WITH RECURSIVE up (face_id, level, share) AS (
+    SELECT f.face_id, f.level, 1.0
     UNION ALL
-    SELECT p.parent_face, u.share
+    SELECT p.parent_face, u.level - 1, u.share
       * CASE WHEN s.area IS NULL THEN 1.0 ELSE s.area / (SELECT area FROM face_area WHERE face_id = u.face_id) END
     FROM up u
     CROSS JOIN parent_child p ON p.child_face = u.face_id
     LEFT JOIN shared_area s ON s.child_face = p.child_face AND s.parent_face = p.parent_face
-    WHERE NOT EXISTS (SELECT 1 FROM face_feature w WHERE w.face_id = u.face_id AND w.class_id = c.class_id)
+    WHERE u.level > 0 AND NOT EXISTS (SELECT 1 FROM face_feature w WHERE w.face_id = u.face_id AND w.class_id = c.class_id)
   ),
   down (face_id, level, area, share, owner) AS (
     SELECT face_id, level, area, 1.0, NULL FROM face_area WHERE face_id = f.face_id
@@ -96,7 +97,7 @@ CROSS JOIN json_each((
       (SELECT w.face_id FROM face_feature w WHERE w.face_id = k.face_id AND w.class_id = c.class_id LIMIT 1), d.owner)
     FROM down d
     CROSS JOIN parent_child p ON p.parent_face = d.face_id
-    CROSS JOIN face_area k ON k.face_id = p.child_face
+    CROSS JOIN face_area k ON k.face_id = p.child_face AND k.level = d.level + 1
     LEFT JOIN shared_area s ON s.child_face = p.child_face AND s.parent_face = p.parent_face
   ),
   owned (owner, share, total) AS (

@@ -5,6 +5,8 @@ from __future__ import annotations
 import multiprocessing
 import shutil
 import sqlite3
+import subprocess
+import sys
 import threading
 from contextlib import closing
 
@@ -263,6 +265,8 @@ def read_on(path, stop, found):
 
 def test_many_readers_beside_one_writer(path):
     """Processes that read while another one edits see whole transactions, or are told to try again."""
+    with vpfx.open_store(path) as store:
+        attributes(store, [1], "soil")  # kernels are compiled here, not by a reader that holds a lock
     context = multiprocessing.get_context("spawn")
     stop, found = context.Event(), context.Queue()
     readers = [context.Process(target=read_on, args=(path, stop, found)) for _ in range(2)]
@@ -279,3 +283,24 @@ def test_many_readers_beside_one_writer(path):
         reader.join(60)
     assert all(isinstance(count, int) and count > 0 for count in counts), counts
     assert query(path, "PRAGMA integrity_check") == [("ok",)]
+
+
+def test_reading_through_pages_keeps_the_lock(path, monkeypatch):
+    """In one process: stores opened, read and let go while somebody edits do not take the editor's lock away."""
+    monkeypatch.setattr(edit, "BUSY_SECONDS", 0.1)
+    before = vpfx.open_store(path)
+    faces = before.rows("face", 0)["face_id"]
+    with edit_store(path) as editor:
+        editor.connection.execute("UPDATE soil SET depth = 9")
+        before.close()
+        del before
+        with vpfx.open_store(path) as store:
+            assert store.rows("face", 0)["face_id"].tolist() == store.fetch("face", faces)["face_id"].tolist()
+            assert store.tin(0).n_face == len(faces)
+            assert attributes(store, [1], "soil").columns["depth"].tolist() == [1.0]
+        code = f"import sqlite3; sqlite3.connect({str(path)!r}, timeout=0.1).execute('BEGIN IMMEDIATE')"
+        done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
+        assert "database is locked" in done.stderr
+    with vpfx.open_store(path) as store:
+        assert attributes(store, [1], "soil").columns["depth"].tolist() == [9.0]
+        assert store.fetch("face", faces)["face_id"].tolist() == faces.tolist()

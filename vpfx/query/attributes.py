@@ -124,7 +124,7 @@ def _owners_above(store: Store, found: FeatureClass, faces: Ids) -> _Parts:
     """Faces with features that are nearest to each face, itself or above, with their shares of it."""
     parts = _Parts(np.arange(len(faces)), faces, np.ones(len(faces)), np.full(len(faces), NOBODY))
     done = [parts.at(np.zeros(0, np.int64))]
-    while len(parts.of):
+    for _ in store.levels:
         has_own = _have_features(store, found, parts.face_ids)
         done.append(parts.at(has_own))
         parts = parts.at(~has_own)

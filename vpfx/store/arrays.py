@@ -12,7 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vpfx.errors import StoreError, StoreFormatError
-from vpfx.store.page_reader import OTHER, PAGE, REAL, WHOLE, Pages, find_leaves, read_records
+from vpfx.store.mapping import map_pages
+from vpfx.store.page_reader import OTHER, PAGE, REAL, WHOLE, find_leaves, read_records
 
 __all__ = ["NONE_ID", "TableReader", "look_up", "runs_of", "to_array"]
 
@@ -40,7 +41,7 @@ class TableReader:
 
     def __init__(self, connection: sqlite3.Connection, path: Path) -> None:
         self._connection, self._path = connection, path
-        self._pages = Pages(path)
+        self._pages = map_pages(path)
         self._roots: dict[str, int] = dict(
             connection.execute("SELECT name, rootpage FROM sqlite_schema WHERE type = 'table'").fetchall()
         )
@@ -100,19 +101,29 @@ class TableReader:
     def _held(self) -> Iterator[NDArray[np.uint8] | None]:
         """Give the pages as no writer changes them, or None where SQL has to read them."""
         while True:
+            if self._pages is None:
+                self._pages = map_pages(
+                    self._path
+                )  # the file was edited here, or has grown or shrunk since it was mapped
             self._connection.execute("BEGIN")
             try:
                 self._lock()
                 (count,) = self._connection.execute("PRAGMA page_count").fetchone()
-                data = self._pages.bytes
-                if count == self._pages.count:
-                    (mode,) = self._connection.execute("PRAGMA journal_mode").fetchone()
-                    is_sure = mode != "wal" and data[19] != WAL and int.from_bytes(data[16:18].tobytes(), "big") == PAGE
-                    yield data if is_sure else None
+                if self._pages is None or count == self._pages.count:
+                    yield self._sure_bytes()
                     return
             finally:
                 self._connection.execute("COMMIT")
-            self._pages = Pages(self._path)  # the file has grown or shrunk since it was mapped
+            self._pages = None
+
+    def _sure_bytes(self) -> NDArray[np.uint8] | None:
+        """Return the pages if they are all there is: not where the newest ones may lie in a write-ahead log."""
+        if self._pages is None:
+            return None
+        data = self._pages.bytes
+        (mode,) = self._connection.execute("PRAGMA journal_mode").fetchone()
+        is_sure = mode != "wal" and data[19] != WAL and int.from_bytes(data[16:18].tobytes(), "big") == PAGE
+        return data if is_sure else None
 
     def _lock(self) -> None:
         """Take SQLite's shared lock, which a transaction gets with its first read."""

@@ -28,6 +28,7 @@ from vpfx.store.classes import (
 )
 from vpfx.store.contents import check_schema
 from vpfx.store.geopackage import register_class, unregister_class
+from vpfx.store.mapping import unmapped
 
 __all__ = ["Editor", "Savepoint", "edit_store", "told"]
 
@@ -67,7 +68,7 @@ def edit_store(path: str | Path) -> Iterator[Editor]:
 
     Notes
     -----
-    Do not read the same file through `Store` inside the block: on POSIX, mapping its pages would drop the editor's lock.
+    The same process may read the file meanwhile, and sees the state before.
 
     Examples
     --------
@@ -79,22 +80,23 @@ def edit_store(path: str | Path) -> Iterator[Editor]:
     path = Path(path)
     if not path.is_file():
         raise NotFoundError(f"{path}: found no such file, expected a store made by vpfx build")
-    connection = sqlite3.connect(
-        f"{path.absolute().as_uri()}?mode=rw", uri=True, isolation_level=None, timeout=BUSY_SECONDS
-    )
-    try:
-        connection.execute("PRAGMA trusted_schema = OFF")
-        connection.execute("PRAGMA foreign_keys = ON")
-        connection.execute(f"PRAGMA cache_size = {MOST_CACHE}")
-        connection.execute("PRAGMA cache_spill = OFF")
-        connection.execute("BEGIN IMMEDIATE")
-        check_schema(connection, path)
-        yield Editor(connection, path)
-        connection.execute("COMMIT")
-    except sqlite3.DatabaseError as error:
-        raise told(error, path) from error
-    finally:
-        connection.close()  # undoes what was not committed
+    with unmapped(path):
+        connection = sqlite3.connect(
+            f"{path.absolute().as_uri()}?mode=rw", uri=True, isolation_level=None, timeout=BUSY_SECONDS
+        )
+        try:
+            connection.execute("PRAGMA trusted_schema = OFF")
+            connection.execute("PRAGMA foreign_keys = ON")
+            connection.execute(f"PRAGMA cache_size = {MOST_CACHE}")
+            connection.execute("PRAGMA cache_spill = OFF")
+            connection.execute("BEGIN IMMEDIATE")
+            check_schema(connection, path)
+            yield Editor(connection, path)
+            connection.execute("COMMIT")
+        except sqlite3.DatabaseError as error:
+            raise told(error, path) from error
+        finally:
+            connection.close()  # undoes what was not committed
 
 
 def told(error: sqlite3.DatabaseError, path: Path) -> Exception:
