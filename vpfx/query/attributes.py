@@ -170,8 +170,8 @@ def _joined(above: _Parts, below: _Parts, n_face: int) -> _Parts:
 
 
 def _have_features(store: Store, found: FeatureClass, faces: Ids) -> NDArray[np.bool_]:
-    """Tell which faces have features of the class by themselves."""
-    query = "SELECT DISTINCT face_id FROM face_feature WHERE face_id BETWEEN ? AND ? AND class_id = ? ORDER BY face_id"
+    """Tell which faces have features of the class by themselves; the plus keeps SQLite to the order of faces."""
+    query = "SELECT DISTINCT face_id FROM face_feature WHERE face_id BETWEEN ? AND ? AND +class_id = ? ORDER BY face_id"
     known = [store.select(query, (*run, found.class_id))["face_id"] for run in runs_of(np.unique(faces)) or [NO_IDS]]
     return look_up(np.concatenate(known), faces)[1]
 
@@ -180,7 +180,7 @@ def _with_features(store: Store, found: FeatureClass, owned: _Parts) -> tuple[Id
     """Features of what owners own, added up: place of the face, feature, share."""
     owners, index = np.unique(owned.owner, return_inverse=True)
     query = (
-        "SELECT face_id, feature_id, share FROM face_feature WHERE face_id BETWEEN ? AND ? AND class_id = ? "
+        "SELECT face_id, feature_id, share FROM face_feature WHERE face_id BETWEEN ? AND ? AND +class_id = ? "
         "ORDER BY face_id, feature_id"
     )
     rows = [tuple(store.select(query, (*run, found.class_id)).values()) for run in runs_of(owners) or [NO_IDS]]
@@ -195,8 +195,11 @@ def _with_features(store: Store, found: FeatureClass, owned: _Parts) -> tuple[Id
 
 def _added_up(keys: Ids, share: Floats) -> tuple[Ids, Floats]:
     """Add up the shares of equal keys: the keys (n_key, n), each once and in order, and the sums."""
-    known, index = np.unique(keys, axis=1, return_inverse=True)
-    return known, np.bincount(index.ravel(), share, known.shape[1]).astype(np.float64)
+    row = np.lexsort(keys[::-1])
+    ordered = keys[:, row]
+    is_first = np.append(np.ones(min(1, len(row)), bool), (ordered[:, 1:] != ordered[:, :-1]).any(axis=0))
+    sums = np.bincount(np.cumsum(is_first) - 1, share[row]) if len(row) else np.empty(0)
+    return ordered[:, is_first], sums
 
 
 def _columns(store: Store, found: FeatureClass, features: Ids) -> dict[str, NDArray[Any]]:
