@@ -17,6 +17,7 @@ from rasterio.windows import Window
 from vpfx.attach.common import Attached, check_if_there, level_of, write_features
 from vpfx.dem.paths import gdal, gdal_name
 from vpfx.errors import DemFormatError, InputError
+from vpfx.query.attributes import added_up
 from vpfx.query.location import locate, mesh_of
 from vpfx.store.classes import Column, check_name
 from vpfx.store.store import Store, open_store
@@ -95,12 +96,12 @@ def _check_raster(name: str, raster: Any, band: int, store: Store) -> None:
 
 def _on_faces(store: Store, level: int, raster: Any, band: int) -> tuple[Ids, Ids]:
     """Faces that have a value, ascending, and the values."""
-    keys, counts = np.empty((2, 0), np.int64), np.empty(0, np.int64)
+    keys, counts = np.empty((2, 0), np.int64), np.empty(0)
     for xy, values in _cells(store, raster, band):
         face = locate(store, xy, level).face_ids
         pairs = np.stack([face, values])[:, face >= 0]
-        keys, index = np.unique(np.concatenate([keys, pairs], axis=1), axis=1, return_inverse=True)
-        counts = np.bincount(index.ravel(), np.append(counts, np.ones(pairs.shape[1], np.int64))).astype(np.int64)
+        ones = np.ones(pairs.shape[1])
+        keys, counts = added_up(np.concatenate([keys, pairs], axis=1), np.append(counts, ones))
     row = np.lexsort((keys[1], -counts, keys[0]))
     face_ids, first = np.unique(keys[0][row], return_index=True)
     value = keys[1][row][first]

@@ -18,7 +18,7 @@ from vpfx.store.arrays import look_up, runs_of
 from vpfx.store.classes import FeatureClass, find_class
 from vpfx.store.store import NO_IDS, Store
 
-__all__ = ["Attributes", "areas_of", "attributes"]
+__all__ = ["Attributes", "added_up", "areas_of", "attributes"]
 
 Ids = NDArray[np.int64]
 Floats = NDArray[np.float64]
@@ -62,7 +62,7 @@ class _Parts(NamedTuple):
 
     def merged(self) -> _Parts:
         """Return them with those of one face asked, one face and one owner added up."""
-        keys, share = _added_up(np.stack([self.of, self.face_ids, self.owner]), self.share)
+        keys, share = added_up(np.stack([self.of, self.face_ids, self.owner]), self.share)
         return _Parts(keys[0], keys[1], share, keys[2])
 
 
@@ -155,7 +155,7 @@ def _owners_below(store: Store, found: FeatureClass, faces: Ids, level: Ids) -> 
         owner = np.where(has_own, step.face_ids, parts.owner[step.of])
         parts = _Parts(parts.of[step.of], step.face_ids, share, owner)
         parts = parts if np.isnan(step.area).all() else parts.merged()
-    keys, share = _added_up(np.stack([parts.of, parts.owner]), parts.share)
+    keys, share = added_up(np.stack([parts.of, parts.owner]), parts.share)
     total = np.bincount(keys[0], share, len(faces))
     return _Parts(keys[0], keys[1], share / total[keys[0]], keys[1])
 
@@ -189,16 +189,23 @@ def _with_features(store: Store, found: FeatureClass, owned: _Parts) -> tuple[Id
     count = (high - low)[index]
     part = np.repeat(np.arange(len(index)), count)
     row = low[index][part] + np.arange(len(part)) - (np.cumsum(count) - count)[part]
-    keys, total = _added_up(np.stack([owned.of[part], feature[row]]), owned.share[part] * share[row])
+    keys, total = added_up(np.stack([owned.of[part], feature[row]]), owned.share[part] * share[row])
     return keys[0], keys[1], total
 
 
-def _added_up(keys: Ids, share: Floats) -> tuple[Ids, Floats]:
-    """Add up the shares of equal keys: the keys (n_key, n), each once and in order, and the sums."""
+def added_up(keys: Ids, share: Floats) -> tuple[Ids, Floats]:
+    """Add up numbers (n,) of equal keys (n_key, n): the keys, each once and in order, and the sums.
+
+    Examples
+    --------
+    >>> added_up(np.array([[5, 2, 5], [1, 1, 1]]), np.array([0.5, 1.0, 0.25]))
+    (array([[2, 5],
+           [1, 1]]), array([1.  , 0.75]))
+    """
     row = np.lexsort(keys[::-1])
     ordered = keys[:, row]
     is_first = np.append(np.ones(min(1, len(row)), bool), (ordered[:, 1:] != ordered[:, :-1]).any(axis=0))
-    sums = np.bincount(np.cumsum(is_first) - 1, share[row]) if len(row) else np.empty(0)
+    sums: Floats = np.bincount(np.cumsum(is_first) - 1, share[row]).astype(np.float64)
     return ordered[:, is_first], sums
 
 
