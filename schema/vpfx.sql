@@ -133,3 +133,44 @@ CREATE TABLE face_layer (                  -- R-211: always empty; gives the col
   aspect DOUBLE,                           -- degrees clockwise from grid north, of steepest descent; NULL: level ground
   is_filled INTEGER                        -- 1: on ground without data
 );
+
+CREATE TABLE feature_class (               -- R-220: kinds of things faces can be part of, such as soil; each has a table of its name
+  class_id INTEGER PRIMARY KEY,            -- running
+  class_name TEXT NOT NULL UNIQUE,         -- name of its table (R-225)
+  description TEXT NOT NULL                -- for people; may be empty
+);
+
+CREATE TABLE feature_column (              -- R-221: columns of those tables
+  class_id INTEGER NOT NULL REFERENCES feature_class(class_id) ON DELETE CASCADE, -- class
+  column_name TEXT NOT NULL,               -- column of its table
+  kind TEXT NOT NULL CHECK (kind IN ('text', 'integer', 'real', 'date')), -- of its values
+  unit TEXT NOT NULL,                      -- of its values, such as m; empty if none
+  description TEXT NOT NULL,               -- for people; may be empty
+  PRIMARY KEY (class_id, column_name)
+) WITHOUT ROWID;
+
+CREATE TABLE value_description (           -- R-222: what codes mean (VPF's value description tables)
+  class_id INTEGER NOT NULL,               -- class
+  column_name TEXT NOT NULL,               -- column of its table
+  value TEXT NOT NULL,                     -- a value of it, as text
+  description TEXT NOT NULL,               -- what it means
+  PRIMARY KEY (class_id, column_name, value),
+  CONSTRAINT fk_value_column FOREIGN KEY (class_id, column_name) REFERENCES feature_column (class_id, column_name) ON DELETE CASCADE
+) WITHOUT ROWID;
+
+CREATE TABLE feature (                     -- R-223: things of all classes
+  feature_id INTEGER PRIMARY KEY,          -- running; the key of its row in the table of the class
+  class_id INTEGER NOT NULL REFERENCES feature_class(class_id) ON DELETE CASCADE, -- class
+  CONSTRAINT uk_feature_class UNIQUE (class_id, feature_id)
+);
+
+CREATE TABLE face_feature (                -- R-224: the features of faces of any level; they hold for all faces below until others do
+  face_id INTEGER NOT NULL REFERENCES face(face_id), -- face
+  class_id INTEGER NOT NULL,               -- class of the feature
+  feature_id INTEGER NOT NULL,             -- feature
+  share DOUBLE NOT NULL CHECK (share > 0 AND share <= 1), -- part of the area of the face; those of a face and class add up to 1 at most
+  PRIMARY KEY (face_id, class_id, feature_id),
+  CONSTRAINT fk_face_feature FOREIGN KEY (class_id, feature_id) REFERENCES feature (class_id, feature_id) ON DELETE CASCADE
+) WITHOUT ROWID;
+
+CREATE INDEX face_feature_by_feature ON face_feature (class_id, feature_id, face_id);

@@ -21,7 +21,7 @@ LAYERS = (
     {"topology"},
     {"dem", "methods", "store", "mesh_files"},  # these do not know each other
     {"features", "patches", "measures", "query"},
-    {"pipeline", "report", "table_2"},
+    {"pipeline", "report", "table_2", "attach"},
     {"compare", "plot"},
     {"gallery"},
     {"cli"},

@@ -337,18 +337,30 @@ def test_polygons_come_from_files(tiles, capsys, tmp_path):
         assert len(set(found) ^ set(expected)) <= (0 if crs == "EPSG:32613" else 0.05 * len(expected))
 
 
+def test_areas_of_files_are_made_valid(tiles, capsys, tmp_path):
+    bow = shapely.from_wkt("POLYGON ((500100 4000100, 500300 4000700, 500300 4000100, 500100 4000700, 500100 4000100))")
+    code, out, _ = ask(
+        capsys, "region", tiles.path, "--polygon", write_areas(tmp_path / "bow.gpkg", [bow], "EPSG:32613")
+    )
+    assert code == 0
+    expected = ids(region(tiles, len(tiles.levels) - 1, polygon=shapely.make_valid(bow)))
+    assert [int(line.split()[0]) for line in out.splitlines()[1:]] == expected
+
+
 def test_bad_files_are_refused(tiles, capsys, tmp_path):
     box = shapely.box(500100, 4000100, 500300, 4000700)
-    bow = shapely.from_wkt("POLYGON ((500100 4000100, 500300 4000700, 500300 4000100, 500100 4000700, 500100 4000100))")
     far = shapely.box(400100, 4000100, 400300, 4000700)
     file = tmp_path / "two.gpkg"
     write_areas(file, [box], layer="one"), write_areas(file, [box], layer="other", append=True)
     (tmp_path / "text.txt").write_text("hello")
     (tmp_path / "broken.geojson").write_text('{"type": "FeatureCollection", "features": [{')
     for name, code, message in (
-        (write_areas(tmp_path / "bow.gpkg", [bow], "EPSG:32613"), 3, "Self-intersection"),
         (write_areas(tmp_path / "far.gpkg", [far]), 2, "found no area on the store"),
-        (write_areas(tmp_path / "p.gpkg", [box.centroid], geometry_type="Point"), 3, "found a Point, expected areas"),
+        (
+            write_areas(tmp_path / "p.gpkg", [box.centroid], geometry_type="Point"),
+            3,
+            "found points or lines, expected areas",
+        ),
         (file, 2, "found 2 layers, expected one; choose of: one, other"),
         (tmp_path / "text.txt", 3, "found another format"),
         (tmp_path / "broken.geojson", 3, "broken.geojson: "),

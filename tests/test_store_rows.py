@@ -30,7 +30,7 @@ ROOT = Path(__file__).resolve().parents[1]
 BOUNDS = (20.0, 8.0)
 TILE_SIZE = 16
 KINDS = {"node": "3D Point", "edge": "3D LineString", "face": "3D Polygon"}
-ATTRIBUTES = ["level", "tile", "tile_level", "node", "edge", "face", "source"]
+ATTRIBUTES = ["level", "tile", "tile_level", "node", "edge", "face", "source", "feature_class"]
 MANDATORY = {"gpkg_spatial_ref_sys", "gpkg_contents", "gpkg_geometry_columns", "gpkg_extensions"}
 
 

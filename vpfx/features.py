@@ -23,7 +23,7 @@ from vpfx.dem.reference import split_crs
 from vpfx.errors import DemFormatError, FeatureFormatError, InputError
 from vpfx.model import Extent
 
-__all__ = ["Features", "lines_in_posts", "read_area", "read_features"]
+__all__ = ["Areas", "Features", "lines_in_posts", "read_area", "read_areas", "read_features"]
 
 Floats = NDArray[np.float64]
 Paths = str | os.PathLike[str] | Sequence[str | os.PathLike[str]]
@@ -132,74 +132,30 @@ def _check_heights(name: str, lines: list[Floats], use_z: bool) -> None:
             raise FeatureFormatError(name, f"vertex ({x:.10g}, {y:.10g})", message)
 
 
-def read_area(path: str | os.PathLike[str], crs: str, extent: Extent, *, layer: str | None = None) -> Any:
-    """Read the areas of a vector file that lie on a store or DEM, as one.
-
-    Parameters
-    ----------
-    path : path
-        A local file of the formats `FORMATS`.
-    crs : str
-        CRS of the store, WKT2. Edges are straight in it between the vertices of the file.
-    extent : Extent
-        Of the store. Areas that do not reach it may be left out.
-    layer : str, optional
-        The layer to read, of a file with several.
-
-    Returns
-    -------
-    shapely Polygon or MultiPolygon
-
-    Raises
-    ------
-    InputError, NotFoundError, FeatureFormatError
-        As for `read_features`; something is no area, or no valid one.
-    """
-    if not crs:
-        raise InputError(f"{os.fspath(path)}: found a store without CRS, expected one; give the polygon as WKT")
-    name = os.fspath(path)
-    with _telling(name):
-        read = _read_geometries(name, _plain_file(name), CRS.from_user_input(crs), extent, layer)
-        areas = read.geometries
-        is_area = np.isin(shapely.get_type_id(areas), AREAS)
-        if not is_area.all():
-            raise FeatureFormatError(name, "geometry", f"found a {areas[~is_area][0].geom_type}, expected areas")
-        areas = shapely.transform(areas, lambda xy: np.column_stack(read.to_dem.transform(*xy.T)))
-        if not np.isfinite(shapely.get_coordinates(areas)).all():
-            raise FeatureFormatError(name, "CRS", "found vertices that cannot be brought into that of the store")
-        is_valid = shapely.is_valid(areas)
-        if not is_valid.all():
-            reason = shapely.is_valid_reason(areas[~is_valid][0])
-            raise FeatureFormatError(name, "geometry", f"found {reason}, expected valid areas")
-        area = shapely.union_all(areas)
-    if not area.intersects(shapely.box(*extent)):
-        raise InputError(f"{name}: found no area on the store, expected some within {tuple(extent)}")
-    return area
-
-
-class _Read(NamedTuple):
-    """What one file holds near a DEM, in its own CRS; `unit` is that of z in metres."""
+class _Layer(NamedTuple):
+    """Geometries of a file near a DEM, in its own CRS."""
 
     geometries: NDArray[Any]
+    fields: dict[str, tuple[str, NDArray[Any]]]
     to_dem: Transformer
     near: tuple[float, float, float, float]
-    unit: float
+    unit: float  # of z, metres
     driver: str
 
 
 def _read_file(name: str, full: str, crs: CRS, extent: Extent, layer: str | None) -> tuple[list[Floats], str]:
     """Read one file; return its lines, and the format."""
-    with _telling(name):
-        read = _read_geometries(name, full, crs, extent, layer)
-        lines = _to_lines(name, read.geometries, read.to_dem, read.near)
-        for line in lines:
-            line[:, 2] *= read.unit
-        return lines, read.driver
+    with _readable(name, "lines or areas"):
+        found = _read_layer(name, full, crs, extent, layer, [])
+        lines = _to_lines(name, found.geometries, found.to_dem, found.near)
+    for line in lines:
+        line[:, 2] *= found.unit
+    return lines, found.driver
 
 
 @contextmanager
-def _telling(name: str) -> Iterator[None]:
-    """Turn what GDAL, GEOS and PROJ raise into errors of the file."""
+def _readable(name: str, what: str) -> Iterator[None]:
+    """Tell errors of GDAL, GEOS and PROJ as errors of the file."""
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # GDAL's, of files that can be read all the same
@@ -207,11 +163,11 @@ def _telling(name: str) -> Iterator[None]:
     except (pyogrio.errors.DataSourceError, pyogrio.errors.DataLayerError, pyogrio.errors.GeometryError,
             pyogrio.errors.FeatureError, shapely.errors.ShapelyError, ProjError, UnicodeDecodeError) as error:  # fmt: skip
         reason = " ".join(str(error).split())
-        raise FeatureFormatError(name, "", f"cannot be read as lines or areas: {reason}") from error
+        raise FeatureFormatError(name, "", f"cannot be read as {what}: {reason}") from error
 
 
-def _read_geometries(name: str, full: str, crs: CRS, extent: Extent, layer: str | None) -> _Read:
-    """Read the geometries of one file near a DEM; none is missing."""
+def _read_layer(name: str, full: str, crs: CRS, extent: Extent, layer: str | None, columns: list[str] | None) -> _Layer:
+    """Read what is near a DEM of one layer of a file, with some fields, or all."""
     driver = _format_of(name, full)
     if driver == "GeoJSON":
         _check_member(name, full)
@@ -223,11 +179,95 @@ def _read_geometries(name: str, full: str, crs: CRS, extent: Extent, layer: str 
     if not information["crs"]:
         raise FeatureFormatError(name, "", f"found no CRS that is known, {WANTED_CRS}")
     horizontal, unit = _split(name, information["crs"])
+    kinds = dict(zip(information["fields"].tolist(), map(str, information["dtypes"]), strict=True))
+    for column in columns or ():
+        if column not in kinds:
+            raise InputError(f"{name}: found no field {column!r}, expected some of: {', '.join(kinds)}")
     to_dem = Transformer.from_crs(horizontal, crs, always_xy=True)
     near = _bounds_near(name, to_dem, extent)
-    _, _, read, _ = pyogrio.raw.read(full, layer=layer, columns=[], bbox=near)
-    geometries = shapely.from_wkb(read)
-    return _Read(geometries[~shapely.is_missing(geometries)], to_dem, near, unit, driver)
+    meta, _, geometries, values = pyogrio.raw.read(full, layer=layer, columns=columns, bbox=near)
+    fields = {field: (kinds[field], value) for field, value in zip(meta["fields"].tolist(), values, strict=True)}
+    return _Layer(shapely.from_wkb(geometries), fields, to_dem, near, unit, driver)
+
+
+class Areas(NamedTuple):
+    """Areas with fields.
+
+    Attributes
+    ----------
+    polygons : object (n,)
+        Polygons and multipolygons of shapely in the CRS asked for, valid, cut off a little beyond the extent.
+    fields : dict of str to (str, array (n,))
+        GDAL's type of each field, as numpy names it, and its values.
+    """
+
+    polygons: NDArray[Any]
+    fields: dict[str, tuple[str, NDArray[Any]]]
+
+
+def read_areas(
+    path: str | os.PathLike[str], crs: str, extent: Extent, *, layer: str | None = None, columns: list[str] | None = None
+) -> Areas:  # fmt: skip
+    """Read the areas of a vector file that lie on an extent, with their fields.
+
+    Parameters
+    ----------
+    path : path
+        A local file of the formats `FORMATS`.
+    crs : str
+        CRS to bring them into, WKT2.
+    extent : Extent
+        In that CRS.
+    layer : str, optional
+        The layer to read, of files with several.
+    columns : list of str, optional
+        Fields to read; all if left out.
+
+    Raises
+    ------
+    InputError
+        There is no CRS, the path is not local, a layer or field is missing, or no area lies on the extent.
+    NotFoundError
+        There is no such file.
+    FeatureFormatError
+        The file is of no such format, broken, tells no CRS, or holds something else than areas.
+    """
+    name = os.fspath(path)
+    if not crs:
+        raise InputError(f"{name}: found a store without CRS, expected one: areas cannot be brought into it")
+    with _readable(name, "areas"):
+        found = _read_layer(name, _plain_file(name), CRS.from_user_input(crs), extent, layer, columns)
+        is_there = ~shapely.is_missing(found.geometries)
+        if not np.isin(shapely.get_type_id(found.geometries[is_there]), AREAS).all():
+            raise FeatureFormatError(name, "geometry", "found points or lines, expected areas")
+        cut = shapely.intersection(shapely.make_valid(found.geometries), shapely.box(*found.near))
+        polygons = shapely.transform(cut, found.to_dem.transform, interleaved=False)
+        polygons = shapely.make_valid(polygons)
+        is_there = is_there & shapely.intersects(polygons, shapely.box(*extent))
+    if not is_there.any():
+        raise InputError(f"{name}: found no area on the store, expected some within {tuple(extent)}")
+    return Areas(polygons[is_there], {field: (kind, v[is_there]) for field, (kind, v) in found.fields.items()})
+
+
+def read_area(path: str | os.PathLike[str], crs: str, extent: Extent, *, layer: str | None = None) -> Any:
+    """Read the areas of a vector file that lie on an extent, as one.
+
+    Parameters
+    ----------
+    path, crs, extent, layer
+        As of `read_areas`. Edges are straight in the CRS between the vertices of the file.
+
+    Returns
+    -------
+    shapely Polygon or MultiPolygon
+
+    Raises
+    ------
+    InputError, NotFoundError, FeatureFormatError
+        As for `read_areas`.
+    """
+    parts = shapely.get_parts(read_areas(path, crs, extent, layer=layer, columns=[]).polygons)
+    return shapely.union_all(parts[np.isin(shapely.get_type_id(parts), AREAS)])
 
 
 def _split(name: str, crs: str) -> tuple[CRS, float]:

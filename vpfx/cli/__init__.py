@@ -1,16 +1,19 @@
 """The command line: one function a command, no logic. Data go to stdout, messages to stderr."""
 
+from vpfx.cli.attributes import attach
 from vpfx.cli.build import build
 from vpfx.cli.common import app, main
 from vpfx.cli.compare import compare, measure
 from vpfx.cli.query import at, nearest, profile, query
 from vpfx.cli.query_areas import contours, height_range, region, volume
 from vpfx.cli.query_sight import sight, viewshed
+from vpfx.cli.sql import sql
 from vpfx.cli.store import info, plot
 
 __all__ = [
     "app",
     "at",
+    "attach",
     "build",
     "compare",
     "contours",
@@ -24,6 +27,7 @@ __all__ = [
     "query",
     "region",
     "sight",
+    "sql",
     "viewshed",
     "volume",
 ]

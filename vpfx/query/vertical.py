@@ -11,12 +11,13 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
-from vpfx.errors import InputError
+from vpfx.errors import InputError, StoreFormatError
 from vpfx.geometry import LEAST_SHARED
+from vpfx.store.arrays import NO_IDS, SWEEP, look_up, runs_of
 from vpfx.store.descent import mesh_of
 from vpfx.store.store import Store
 
-__all__ = ["Related", "children", "descendants", "parents", "related", "siblings"]
+__all__ = ["Related", "children", "descendants", "follow", "parents", "related", "siblings"]
 
 Ids = NDArray[np.int64]
 Floats = NDArray[np.float64]
@@ -157,6 +158,33 @@ def _step(store: Store, ids: Ids, way: str) -> Related:
     first = np.cumsum(count) - count
     place = low[index][owner] + np.arange(len(owner)) - first[owner]
     return Related(owner, pairs[place, 1])
+
+
+def follow(store: Store, face_ids: Ids, way: str) -> tuple[Related, Floats]:
+    """Follow links of faces one level ``up`` or ``down``, with the areas stored (R-182); the ids are not checked.
+
+    Where levels are nested areas are NaN: a child shares all of its own.
+    """
+    found = _step(store, face_ids, way)
+    if store.is_nested:
+        return found, np.full(len(found.of), np.nan)
+    ends = face_ids[found.of], found.face_ids
+    child, parent = ends if way == "up" else ends[::-1]
+    query = "SELECT child_face, parent_face, area FROM shared_area WHERE child_face BETWEEN ? AND ? ORDER BY 1, 2"
+    parts = [store.select(query, run) for run in runs_of(np.unique(child), SWEEP) or [NO_IDS]]
+    rows = {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
+    known, wanted = _keys((rows["child_face"], rows["parent_face"]), (child, parent))
+    at, is_there = look_up(known, wanted)
+    if not is_there.all():
+        raise StoreFormatError(str(store.path), "table shared_area", "found links without an area", "R-182")
+    return found, rows["area"][at]
+
+
+def _keys(*pairs: tuple[Ids, Ids]) -> list[Ids]:
+    """Name pairs of numbers by one number each, in the order of the first, then the second."""
+    first, second = (np.unique(np.concatenate(column), return_inverse=True)[1] for column in zip(*pairs, strict=True))
+    keys = first * (int(second.max(initial=0)) + 1) + second
+    return np.split(keys, np.cumsum([len(pair[0]) for pair in pairs[:-1]]))
 
 
 def _measured(store: Store, ids: Ids, found: Related) -> Related:

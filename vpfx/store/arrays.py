@@ -12,13 +12,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vpfx.errors import StoreError, StoreFormatError
+from vpfx.store.mapping import map_pages
 from vpfx.store.page_pairs import read_pairs
-from vpfx.store.page_reader import OTHER, PAGE, REAL, WHOLE, Pages, find_leaves, read_records
+from vpfx.store.page_reader import OTHER, PAGE, REAL, WHOLE, find_leaves, read_records
 
-__all__ = ["NONE_ID", "TableReader", "look_up", "runs_of", "to_array"]
+__all__ = ["NONE_ID", "NO_IDS", "SWEEP", "TableReader", "look_up", "runs_of", "to_array"]
 
 NONE_ID = -1  # stands for NULL in integer columns of arrays
 NO_IDS = 1, 0  # an empty run
+SWEEP = (
+    256  # ids that SQL may read for nothing between two that are asked for: less than the cost of one more statement
+)
 LINKS = {"child_face": ("parent_child", "parent_face"), "parent_face": ("parent_child_by_parent", "child_face")}
 """Columns of links: the B-tree that is sorted by it, and the other column."""
 KINDS = {"INTEGER": WHOLE, "DOUBLE": REAL}
@@ -46,7 +50,7 @@ class TableReader:
 
     def __init__(self, connection: sqlite3.Connection, path: Path) -> None:
         self._connection, self._path = connection, path
-        self._pages = Pages(path)
+        self._pages = map_pages(path)
         self._roots: dict[str, int] = {}
         self._columns: dict[str, list[tuple[str, int]]] = {}
         self._cookie = b""  # of the schema when the roots were read: VACUUM moves them
@@ -148,20 +152,30 @@ class TableReader:
     def _held(self) -> Iterator[NDArray[np.uint8] | None]:
         """Give the pages as no writer changes them, or None where SQL has to read them."""
         while True:
+            if self._pages is None:
+                self._pages = map_pages(
+                    self._path
+                )  # the file was edited here, or has grown or shrunk since it was mapped
             self._connection.execute("BEGIN")
             try:
                 self._lock()
                 (count,) = self._connection.execute("PRAGMA page_count").fetchone()
-                data = self._pages.bytes
-                if count == self._pages.count:
-                    (mode,) = self._connection.execute("PRAGMA journal_mode").fetchone()
-                    self._read_roots(data[COOKIE].tobytes())
-                    is_sure = mode != "wal" and data[19] != WAL and int.from_bytes(data[16:18].tobytes(), "big") == PAGE
-                    yield data if is_sure else None
+                if self._pages is None or count == self._pages.count:
+                    yield self._sure_bytes()
                     return
             finally:
                 self._connection.execute("COMMIT")
-            self._pages = Pages(self._path)  # the file has grown or shrunk since it was mapped
+            self._pages = None
+
+    def _sure_bytes(self) -> NDArray[np.uint8] | None:
+        """Return the pages if they are all there is: not where the newest ones may lie in a write-ahead log."""
+        if self._pages is None:
+            return None
+        data = self._pages.bytes
+        (mode,) = self._connection.execute("PRAGMA journal_mode").fetchone()
+        self._read_roots(data[COOKIE].tobytes())
+        is_sure = mode != "wal" and data[19] != WAL and int.from_bytes(data[16:18].tobytes(), "big") == PAGE
+        return data if is_sure else None
 
     def _read_roots(self, cookie: bytes) -> None:
         """Read where tables and indexes begin, if the schema is not the one known."""
@@ -192,17 +206,19 @@ def _limits(runs: Runs) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     return np.ascontiguousarray(lows), np.ascontiguousarray(highs)
 
 
-def runs_of(ids: NDArray[np.int64]) -> list[tuple[int, int]]:
-    """First and last of the runs of consecutive numbers among ascending ones.
+def runs_of(ids: NDArray[np.int64], most_skipped: int = 0) -> list[tuple[int, int]]:
+    """First and last of the runs of ascending numbers between which no more than some are left out.
 
     Examples
     --------
-    >>> runs_of(np.array([1, 5, 1000, 1001]))
-    [(1, 1), (5, 5), (1000, 1001)]
+    >>> runs_of(np.array([1, 2, 5, 1000]))
+    [(1, 2), (5, 5), (1000, 1000)]
+    >>> runs_of(np.array([1, 2, 5, 1000]), SWEEP)
+    [(1, 5), (1000, 1000)]
     """
     if len(ids) == 0:
         return []
-    end = np.flatnonzero(np.diff(ids.view(np.uint64)) > 1)  # no difference is too large
+    end = np.flatnonzero(np.diff(ids.view(np.uint64)) > most_skipped + 1)  # no difference is too large
     return list(zip(ids[np.append(0, end + 1)].tolist(), ids[np.append(end, len(ids) - 1)].tolist(), strict=True))
 
 

@@ -5,6 +5,8 @@ from __future__ import annotations
 import json
 import math
 import sqlite3
+from contextlib import closing
+from pathlib import Path
 from typing import Any
 
 from pyproj import CRS
@@ -12,9 +14,11 @@ from pyproj.exceptions import CRSError
 
 from vpfx.errors import StoreFormatError
 from vpfx.model import Extent
+from vpfx.store.ddl import schema_sql
+from vpfx.store.geopackage import APPLICATION_ID
 from vpfx.store.summary import LevelSummary
 
-__all__ = ["FORMAT_VERSION", "read_extent", "read_levels", "read_metadata"]
+__all__ = ["FORMAT_VERSION", "check_schema", "read_extent", "read_levels", "read_metadata"]
 
 FORMAT_VERSION = "0.1"
 MOST_CHARACTERS = 1 << 20  # of one metadata value
@@ -26,6 +30,40 @@ _METADATA: dict[str, type | tuple[type, ...]] = {
     "options": dict, "seed": int, "lattice": dict, "posts": int, "void_posts": int, "isolated_posts": int,
     "area_m2": _NUMBER, "void_area_m2": _NUMBER,
 }  # fmt: skip
+
+
+def check_schema(connection: sqlite3.Connection, path: Path) -> None:
+    """Compare tables and views with those of the format, so that nothing stands in for one, and the size with the header's.
+
+    Parameters
+    ----------
+    connection : sqlite3.Connection
+        In a transaction: else a writer may come between.
+    path : Path
+        The same file.
+
+    Raises
+    ------
+    StoreFormatError
+        The file is no GeoPackage, lacks a table or view or has another of that name, or is cut off.
+    """
+    facts = {
+        name: connection.execute(f"PRAGMA {name}").fetchone()[0]
+        for name in ("application_id", "page_count", "page_size")
+    }
+    if facts["application_id"] != APPLICATION_ID:
+        raise StoreFormatError(str(path), "", "found no GeoPackage, expected a store made by vpfx build", "R-200")
+    query = "SELECT name, type, sql FROM sqlite_schema"
+    found = {name: (kind, sql) for name, kind, sql in connection.execute(query)}
+    with closing(sqlite3.connect(":memory:")) as model:
+        model.executescript(schema_sql("vpfx.sql") + schema_sql("views.sql"))
+        for name, *definition in model.execute(query):
+            if found.get(name) != tuple(definition):
+                message = "found another definition or none, expected that of schema/"
+                raise StoreFormatError(str(path), f"{definition[0]} {name}", message, "R-101")
+    n_byte = facts["page_count"] * facts["page_size"]
+    if path.stat().st_size != n_byte:
+        raise StoreFormatError(str(path), "", f"found {path.stat().st_size} bytes, expected {n_byte}", "R-101")
 
 
 def read_metadata(connection: sqlite3.Connection, path: str) -> dict[str, Any]:

@@ -10,7 +10,15 @@ from pyproj.exceptions import CRSError
 from vpfx.model import Extent
 from vpfx.store.ddl import layer_names, layers_sql
 
-__all__ = ["APPLICATION_ID", "LAST_CHANGE", "USER_VERSION", "find_srs", "register"]
+__all__ = [
+    "APPLICATION_ID",
+    "LAST_CHANGE",
+    "USER_VERSION",
+    "find_srs",
+    "register",
+    "register_class",
+    "unregister_class",
+]
 
 APPLICATION_ID = 0x47504B47  # "GPKG"
 USER_VERSION = 10400  # GeoPackage 1.4
@@ -28,8 +36,12 @@ _ATTRIBUTE_TABLES = {
     "edge": "winged edges of all levels",
     "face": "faces of all levels",
     "source": "files of posts and features",
+    "feature_class": "feature classes, whose tables describe what faces are part of",
 }
-_OTHER_TABLES = ("metadata", "level_cut", "parent_child", "shared_area", "t_junction", "tile_index", "face_layer")
+_OTHER_TABLES = (
+    "metadata", "level_cut", "parent_child", "shared_area", "t_junction", "tile_index", "face_layer", "feature_column",
+    "value_description", "feature", "face_feature",
+)  # fmt: skip
 
 
 def find_srs(wkt: str) -> tuple[int, str, str, int, str]:
@@ -78,3 +90,17 @@ def register(connection: sqlite3.Connection, wkt: str, extent: Extent, n_level: 
     for extended in (*_ATTRIBUTE_TABLES, *_OTHER_TABLES):
         row = (extended, None, EXTENSION, DEFINITION, "write-only")
         connection.execute("INSERT INTO gpkg_extensions VALUES (?, ?, ?, ?, ?)", row)
+
+
+def register_class(connection: sqlite3.Connection, name: str, description: str) -> None:
+    """Enter the table of a feature class."""
+    row = (name, "attributes", name, description, LAST_CHANGE, None, None, None, None, None)
+    connection.execute("INSERT INTO gpkg_contents VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?, ?)", row)
+    extended = (name, None, EXTENSION, DEFINITION, "write-only")
+    connection.execute("INSERT INTO gpkg_extensions VALUES (?, ?, ?, ?, ?)", extended)
+
+
+def unregister_class(connection: sqlite3.Connection, name: str) -> None:
+    """Take the table of a feature class out."""
+    for table in ("gpkg_extensions", "gpkg_contents"):
+        connection.execute(f"DELETE FROM {table} WHERE table_name = ?", (name,))

@@ -8,19 +8,14 @@ Source: "SQLite file format", sqlite.org/fileformat2.html, §1.5, §1.6, §2.1.
 
 from __future__ import annotations
 
-import mmap
-from pathlib import Path
-
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
 
 from vpfx.store.page_cells import INNER_INDEX, INNER_TABLE, LEAF_TABLE
 
 __all__ = [
     "IS_BROKEN",
     "PAGE",
-    "Pages",
     "find_leaves",
     "grown",
     "head_of",
@@ -38,25 +33,6 @@ NULL_INT = -1
 
 OTHER, WHOLE, REAL = range(3)
 """What a column gives: nothing, int64 (NULL is -1), float64 (NULL is NaN)."""
-
-
-class Pages:
-    """The pages of a file, mapped into memory.
-
-    Notes
-    -----
-    Map before any lock is taken and keep it: POSIX drops a process's locks on a file when any of its handles is closed.
-    """
-
-    def __init__(self, path: Path) -> None:
-        with path.open("rb") as file:
-            self._map = mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ)
-        self.bytes: NDArray[np.uint8] = np.frombuffer(self._map, np.uint8)
-
-    @property
-    def count(self) -> int:
-        """Number of whole pages."""
-        return len(self.bytes) // PAGE
 
 
 @njit(nogil=True, cache=True)

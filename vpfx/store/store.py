@@ -18,31 +18,14 @@ from numpy.typing import NDArray
 from vpfx.errors import InputError, NotFoundError, StoreError, StoreFormatError
 from vpfx.model import CUTS, Extent, Tin
 from vpfx.store.arrays import NONE_ID, TableReader, look_up, runs_of, to_array
-from vpfx.store.contents import read_extent, read_levels, read_metadata
-from vpfx.store.ddl import schema_sql
+from vpfx.store.classes import FeatureClass, read_classes
+from vpfx.store.contents import check_schema, read_extent, read_levels, read_metadata
 from vpfx.store.descent import descend, mesh_of
 from vpfx.store.digest import REALS
-from vpfx.store.geopackage import APPLICATION_ID
 from vpfx.store.recent import Recent
 
 __all__ = ["Store", "open_store"]
 
-_CORE = (
-    "metadata",
-    "source",
-    "level",
-    "level_cut",
-    "tile",
-    "tile_index",
-    "tile_level",
-    "node",
-    "edge",
-    "face",
-    "parent_child",
-    "shared_area",
-    "t_junction",
-    "face_layer",
-)
 _RANGED = ("node", "edge", "face")
 
 
@@ -105,50 +88,24 @@ class Store:
             raise StoreError(f"{path}: cannot be opened: {error}") from error
         try:
             self._connection.execute("PRAGMA trusted_schema = OFF")
-            self._check_schema()
-            self._check_size()
+            self._connection.execute("BEGIN")  # all that is read from here on is of one state of the file
+            check_schema(self._connection, path)
             self.metadata = read_metadata(self._connection, str(path))
             self.levels = read_levels(self._connection, str(path))
             self.extent = read_extent(self._connection, str(path))
             self.crs = str(self.metadata["crs_wkt2"])
+            self._connection.execute("COMMIT")
             self._reader = TableReader(self._connection, path)
             self._recent = Recent()
         except sqlite3.DatabaseError as error:
             self.close()
+            if "locked" in str(error):
+                raise StoreError(f"{path}: cannot be read: {error}; somebody is writing, try again") from error
             reason = "no SQLite database" if "not a database" in str(error) else f"a damaged database ({error})"
             raise StoreFormatError(str(path), "", f"found {reason}, expected a store made by vpfx build") from error
         except BaseException:
             self.close()
             raise
-
-    def _check_schema(self) -> None:
-        """Compare the tables with those of the format, so that no view or trigger stands in for one."""
-        (found,) = self._connection.execute("PRAGMA application_id").fetchone()
-        if found != APPLICATION_ID:
-            raise StoreFormatError(
-                str(self.path), "", "found no GeoPackage, expected a store made by vpfx build", "R-200"
-            )
-        model = sqlite3.connect(":memory:")
-        try:
-            model.executescript(schema_sql("gpkg.sql") + schema_sql("vpfx.sql"))
-            query = "SELECT name, type, sql FROM sqlite_schema"
-            expected = {name: (kind, sql) for name, kind, sql in model.execute(query) if name in _CORE}
-        finally:
-            model.close()
-        found = {name: (kind, sql) for name, kind, sql in self._connection.execute(query)}
-        for name, definition in expected.items():
-            if found.get(name) != definition:
-                message = "found another definition or none, expected that of schema/vpfx.sql"
-                raise StoreFormatError(str(self.path), f"table {name}", message, "R-101")
-
-    def _check_size(self) -> None:
-        """Compare the size of the file with what its header says: a cut file is damaged even if its contents can be read."""
-        (pages,), (page_size,) = (
-            self._connection.execute(f"PRAGMA {name}").fetchone() for name in ("page_count", "page_size")
-        )
-        if self.path.stat().st_size != pages * page_size:
-            message = f"found {self.path.stat().st_size} bytes, expected {pages * page_size}"
-            raise StoreFormatError(str(self.path), "", message, "R-101")
 
     def close(self) -> None:
         """Close the file."""
@@ -178,6 +135,17 @@ class Store:
             dict(zip(("name", "sha256", "byte_count", "driver"), row, strict=True))
             for row in self._connection.execute(query)
         ]
+
+    @property
+    def classes(self) -> dict[str, FeatureClass]:
+        """Feature classes by name, checked: their names may stand in SQL.
+
+        Raises
+        ------
+        StoreFormatError
+            The table of a class is not the one its columns make.
+        """
+        return read_classes(self._connection, self.path)
 
     @property
     def cuts(self) -> NDArray[np.int64]:
@@ -364,6 +332,12 @@ class Store:
         """
         if not 0 <= level < len(self.levels):
             raise NotFoundError(f"{self.path}: found no level {level}, expected 0…{len(self.levels) - 1}")
+
+    def feature_values(self, found: FeatureClass, low: int, high: int) -> dict[int, tuple[Any, ...]]:
+        """Values of the features of a class with ids from low to high, by id, as SQLite gives them."""
+        names = ", ".join(found.columns)
+        query = f"SELECT feature_id, {names} FROM {found.name} WHERE feature_id BETWEEN ? AND ?"
+        return {row[0]: row[1:] for row in self._connection.execute(query, (low, high))}
 
     def select(self, query: str, values: Sequence[Any] = ()) -> dict[str, NDArray[Any]]:
         """Run a query and return its columns as arrays; NULL is -1, or NaN in columns of reals.

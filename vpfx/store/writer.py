@@ -117,7 +117,8 @@ class StoreWriter:
             connection.execute(f"PRAGMA application_id = {APPLICATION_ID}")
             connection.execute(f"PRAGMA user_version = {USER_VERSION}")
             connection.execute("PRAGMA synchronous = OFF")  # the finished file is synced as a whole
-            connection.executescript(f"BEGIN;\n{schema_sql('gpkg.sql')}{schema_sql('vpfx.sql')}COMMIT;")
+            schema = "".join(schema_sql(name) for name in ("gpkg.sql", "vpfx.sql", "views.sql"))
+            connection.executescript(f"BEGIN;\n{schema}COMMIT;")
         finally:
             connection.close()
 

@@ -1,0 +1,55 @@
+"""`vpfx sql`."""
+
+from __future__ import annotations
+
+import os
+import sys
+from pathlib import Path
+
+import click
+
+from vpfx.cli.common import app
+from vpfx.errors import InputError
+
+__all__ = ["sql"]
+
+
+@app.command()
+@click.argument("store", type=click.Path(path_type=Path))
+@click.argument("question", metavar="SQL|-")
+@click.option(
+    "--format", "form", default="table", show_default=True, help="table, csv, json or arrow (a Feather file)."
+)
+@click.option("-o", "--output", metavar="FILE", type=click.Path(path_type=Path), help="Write there.  [default: stdout]")
+@click.option("--overwrite", is_flag=True, help="Replace an existing file.")
+@click.option("--write", is_flag=True, help="Let the statement change rows of attributes: all of it, or nothing.")
+def sql(store: Path, question: str, form: str, output: Path | None, overwrite: bool, write: bool) -> None:
+    """Put one SQL statement to a store; - reads it from stdin.
+
+    Nothing is changed without --write. Tables and views: specs/format.md; questions with answers: specs/sql.md.
+
+    Example: vpfx sql n36.gpkg "SELECT level, face_count FROM level"
+    """
+    from vpfx.query.sql import FORMATS, answer_sql
+    from vpfx.store.writer import check_target
+
+    if form not in FORMATS:
+        raise InputError(f"--format: found {form!r}, expected one of: {', '.join(FORMATS)}")
+    if output is not None:
+        if output.exists() and store.exists() and output.samefile(store):
+            raise InputError(f"--output: found {output}, the store itself; give another name")
+        check_target(output, overwrite)
+    answer = answer_sql(store, sys.stdin.read() if question == "-" else question, write=write)
+    text = FORMATS[form](answer)
+    if output is None:
+        sys.stdout.flush()
+        sys.stdout.buffer.write(text) if form == "arrow" else sys.stdout.write(text.decode("utf-8", "replace"))
+    else:
+        beside = output.with_name(f".{output.name}.{os.getpid()}.tmp")
+        try:
+            beside.write_bytes(text)
+            os.replace(beside, output)
+        finally:
+            beside.unlink(missing_ok=True)
+    if write:
+        print(f"{store}: {answer.n_changed} rows changed", file=sys.stderr)
