@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import math
 import sqlite3
 from functools import cached_property
@@ -14,6 +15,7 @@ from rasters import CELL
 from surfaces import SOLID, VOIDS, hills, write_dem
 
 import vpfx
+from vpfx.cli import main
 from vpfx.dem import read_grid
 from vpfx.dem.reference import unit_metres
 from vpfx.errors import InputError, NotFoundError, StoreFormatError
@@ -152,8 +154,12 @@ def judge_errors(world, found):
     assert on.mean() > 0.8
     error = np.abs(z - grid.heights[row, col])[on]
     assert (error <= faces["max_error"][face[on]] + 1e-6).all()
-    is_last = faces["level"] == len(world.tins) - 1
-    assert (is_last | (faces["max_error"] <= faces["tolerance"])).all()
+    judge_tolerance(world.store, faces)
+
+
+def judge_tolerance(store, faces):
+    """No face says more than is allowed, except that none says less than the last level can."""
+    assert (faces["max_error"] <= np.maximum(faces["tolerance"], store.levels[-1].max_error)).all()
 
 
 def fewest(world, tolerance_of):
@@ -240,9 +246,7 @@ def test_bounds_hold_for_eyes_anywhere(world):
     for i in range(60):
         eye = (*rng.uniform((x0, y0), (x1, y1)), rng.uniform(-60.0, 100.0))
         found = cut(world.store, eye, screen_error=10 ** rng.uniform(0.5, 2.8), morph=(0.25, 0.0, 0.05)[i % 3])
-        faces = found.face_attributes
-        is_last = faces["level"] == len(world.tins) - 1
-        assert (is_last | (faces["max_error"] <= faces["tolerance"])).all()
+        judge_tolerance(world.store, found.face_attributes)
         judge_planes(found)
 
 
@@ -336,10 +340,7 @@ def test_few_faces_on_real_ground(tmp_path):
                     return share * np.hypot(shapely.distance(shapely.Point(0, 0), shapely.polygons(to)), above)
 
                 found = cut(store, eye, screen_error=screen_error)
-                assert (
-                    (found.face_attributes["max_error"] <= found.face_attributes["tolerance"])
-                    | (found.face_attributes["level"] == 3)
-                ).all()
+                judge_tolerance(store, found.face_attributes)
                 assert len(judge_mesh(found.nodes, found.face_nodes).junctions) == 0
                 least = fewest(world, tolerance_of)
                 assert least <= found.n_face <= FACTOR * least
@@ -427,3 +428,33 @@ def test_broken_links_are_told(tmp_path):
         other.execute("INSERT INTO parent_child SELECT 99999999, 1")
     with vpfx.open_store(path) as store, pytest.raises(NotFoundError, match="found no face 99999999"):
         cut(store, error=10.0)
+
+
+def test_the_command(tmp_path, capsys):
+    """Counts by level are those of the function, the file holds all faces, and what is wrong is one line."""
+    path = vpfx.build(CELL, tmp_path / "a.gpkg", max_error=(40, 20, 10)).path
+    box = "POLYGON ((-107.64 36.36, -107.62 36.36, -107.62 36.38, -107.64 36.36))"
+    with vpfx.open_store(path) as store:
+        focus = shapely.from_wkt(box)
+        expected = {("--error", "10", "--polygon", box): store.cut(error=10.0, focus=focus)}
+        expected["--eye=-107.62,36.37,2600", "--screen-error", "20"] = store.cut(
+            (-107.62, 36.37, 2600.0), screen_error=20.0
+        )
+    for arguments, tin in expected.items():
+        output = tmp_path / "cut.geojson"
+        with pytest.raises(SystemExit, match="0"):
+            main(["query", "cut", str(path), *arguments, "--json", "-o", str(output), "--overwrite"])
+        told = json.loads(capsys.readouterr().out.splitlines()[0])
+        assert told["faces"] == tin.n_face
+        counts = np.bincount(tin.face_attributes["level"], minlength=3)
+        assert [line["faces"] for line in told["levels"]] == counts.tolist()
+        assert len(json.loads(output.read_text())["features"]) == tin.n_face
+        with pytest.raises(SystemExit, match="0"):
+            main(["query", "cut", str(path), *arguments])
+        assert [line.split()[1] for line in capsys.readouterr().out.splitlines()[1:4]] == [f"{n:,}" for n in counts]
+    wrong = {(): 2, ("--eye=1,2",): 2, ("--error", "1", "--eye=1,2,3"): 2, ("--eye=1,2,3", "--polygon", box): 2,
+             ("--error", "1", "-o", str(path)): 2, ("--error", "1", "-o", str(output)): 3}  # fmt: skip
+    for arguments, code in wrong.items():
+        with pytest.raises(SystemExit, match=str(code)):
+            main(["query", "cut", str(path), *arguments])
+        assert capsys.readouterr().err.count("\n") == 1

@@ -7,7 +7,7 @@ if TYPE_CHECKING:
     from vpfx.dem import open_dem, read_grid
     from vpfx.model import Extent, Grid, Hierarchy, Tin
     from vpfx.pipeline import BuildReport, build, build_hierarchy
-    from vpfx.store.store import Store, open_store
+    from vpfx.query.store import Store, open_store
 
 __version__ = "0.1.0"
 
@@ -16,12 +16,12 @@ _HOMES = {
     "Extent": "vpfx.model",
     "Grid": "vpfx.model",
     "Hierarchy": "vpfx.model",
-    "Store": "vpfx.store.store",
+    "Store": "vpfx.query.store",
     "Tin": "vpfx.model",
     "build": "vpfx.pipeline",
     "build_hierarchy": "vpfx.pipeline",
     "open_dem": "vpfx.dem",
-    "open_store": "vpfx.store.store",
+    "open_store": "vpfx.query.store",
     "read_grid": "vpfx.dem",
 }
 __all__ = [

@@ -16,7 +16,7 @@ from vpfx.errors import InputError
 from vpfx.geometry import face_shapes
 from vpfx.methods.scan import find_worst, scan_mesh
 from vpfx.model import CUTS, Grid, Hierarchy, Tin
-from vpfx.store.store import Store
+from vpfx.store.reader import StoreReader
 from vpfx.topology import find_t_junctions, find_twins
 
 __all__ = [
@@ -299,12 +299,12 @@ def measure_hierarchy(hierarchy: Hierarchy, grid: Grid, tolerance: float = 0.0) 
     return found
 
 
-def measure_store(store: Store, levels: Sequence[int] = (), grid: Grid | None = None) -> list[LevelMeasures]:
+def measure_store(store: StoreReader, levels: Sequence[int] = (), grid: Grid | None = None) -> list[LevelMeasures]:
     """Measure levels of a store; a point is significant by the tolerance it was built with.
 
     Parameters
     ----------
-    store : Store
+    store : StoreReader
     levels : sequence of int
         All if empty.
     grid : Grid, optional

@@ -16,7 +16,7 @@ from vpfx.errors import InputError
 from vpfx.features import read_areas
 from vpfx.store.classes import Column, check_name
 from vpfx.store.descent import mesh_of
-from vpfx.store.store import Store, open_store
+from vpfx.store.reader import StoreReader, open_reader
 
 __all__ = ["attach_areas"]
 
@@ -76,7 +76,7 @@ def attach_areas(
     check_if_there(if_there)
     check_name(class_name, "class")
     named = dict(_named(text) for text in columns or ())
-    with open_store(path) as store:
+    with open_reader(path) as store:
         number = level_of(store, level)
         areas = read_areas(source, store.crs, store.extent, layer=layer, columns=list(named.values()) or None)
         faces = _on_faces(store, number, areas.polygons, by)
@@ -113,7 +113,7 @@ def _values_of(dtype: str, values: NDArray[Any]) -> list[Any]:
     return list(values.tolist())
 
 
-def _on_faces(store: Store, level: int, polygons: NDArray[Any], by: str) -> tuple[Ids, Ids, Floats]:
+def _on_faces(store: StoreReader, level: int, polygons: NDArray[Any], by: str) -> tuple[Ids, Ids, Floats]:
     """Faces, indices of polygons and shares."""
     parts = [(np.empty(0, np.int64), np.empty(0, np.int64), np.empty(0))]
     tree = shapely.STRtree(polygons)

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from vpfx.errors import InputError, UnknownNameError
 from vpfx.store.classes import Column
 from vpfx.store.edit import edit_store
-from vpfx.store.store import Store
+from vpfx.store.reader import StoreReader
 
 __all__ = ["IF_THERE", "Attached", "check_if_there", "kind_of", "level_of", "write_features"]
 
@@ -44,7 +44,7 @@ def check_if_there(choice: str) -> None:
         raise UnknownNameError(f"if_there: found {choice!r}, expected one of: {', '.join(IF_THERE)}")
 
 
-def level_of(store: Store, level: int | None) -> int:
+def level_of(store: StoreReader, level: int | None) -> int:
     """Return the level to attach to: the finest if none is asked for.
 
     Its faces are the smallest, so they follow what is attached best; all coarser ones get their shares from there.

@@ -21,7 +21,7 @@ from vpfx.query.attributes import added_up
 from vpfx.query.location import locate
 from vpfx.store.classes import Column, check_name
 from vpfx.store.descent import mesh_of
-from vpfx.store.store import Store, open_store
+from vpfx.store.reader import StoreReader, open_reader
 
 __all__ = ["attach_raster"]
 
@@ -68,7 +68,7 @@ def attach_raster(
     check_if_there(if_there)
     check_name(class_name, "class")
     check_name(column, "column")
-    with open_store(path) as store, gdal():
+    with open_reader(path) as store, gdal():
         number = level_of(store, level)
         try:
             with rasterio.open(gdal_name(os.fspath(source))) as raster:
@@ -85,7 +85,7 @@ def attach_raster(
     return write_features(Path(path), class_name, described, {column: known.tolist()}, faces, if_there)
 
 
-def _check_raster(name: str, raster: Any, band: int, store: Store) -> None:
+def _check_raster(name: str, raster: Any, band: int, store: StoreReader) -> None:
     """Refuse what is no raster of classes with a place."""
     if not 1 <= band <= raster.count:
         raise InputError(f"{name}: found no band {band}, expected 1 … {raster.count}")
@@ -95,7 +95,7 @@ def _check_raster(name: str, raster: Any, band: int, store: Store) -> None:
         raise InputError(f"{name}: found complex numbers, expected whole ones")
 
 
-def _on_faces(store: Store, level: int, raster: Any, band: int) -> tuple[Ids, Ids]:
+def _on_faces(store: StoreReader, level: int, raster: Any, band: int) -> tuple[Ids, Ids]:
     """Faces that have a value, ascending, and the values."""
     keys, counts = np.empty((2, 0), np.int64), np.empty(0)
     for xy, values in _cells(store, raster, band):
@@ -110,7 +110,7 @@ def _on_faces(store: Store, level: int, raster: Any, band: int) -> tuple[Ids, Id
     return np.concatenate([face_ids, rest]), np.concatenate([value, at_centroid])
 
 
-def _cells(store: Store, raster: Any, band: int) -> Any:
+def _cells(store: StoreReader, raster: Any, band: int) -> Any:
     """Centres of cells with data, and their values, a piece of a tile at a time; a cell on a border comes once."""
     tiles, extent, place = store.tiles(), store.extent, raster.transform
     for xmin, ymin, xmax, ymax in zip(*(tiles[name] for name in ("xmin", "ymin", "xmax", "ymax")), strict=True):
@@ -134,7 +134,7 @@ def _range(low: float, high: float, is_last: bool, start: float, step: float, n:
     return int(np.clip(first, 0, n)), int(np.clip(end, 0, n))
 
 
-def _at_centroids(store: Store, level: int, raster: Any, band: int, known: Ids) -> tuple[Ids, Ids]:
+def _at_centroids(store: StoreReader, level: int, raster: Any, band: int, known: Ids) -> tuple[Ids, Ids]:
     """Faces that hold no centre of a cell, and the values of the cells at their centroids, where these have data."""
     found: list[tuple[Ids, Ids]] = [(np.empty(0, np.int64), np.empty(0, np.int64))]
     for tile_id in store.tiles()["tile_id"].tolist():

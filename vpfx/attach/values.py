@@ -13,7 +13,7 @@ from vpfx.errors import InputError
 from vpfx.model import Tin
 from vpfx.query.sql import answer_sql
 from vpfx.store.classes import Column, check_name
-from vpfx.store.store import open_store
+from vpfx.store.reader import open_reader
 
 __all__ = ["attach_function", "attach_sql"]
 
@@ -53,7 +53,7 @@ def attach_function(
     """
     check_if_there(if_there)
     check_name(class_name, "class")
-    with open_store(path) as store:
+    with open_reader(path) as store:
         tin = store.tin(level_of(store, level))
     values = np.asarray(function(tin))
     if values.shape != (tin.n_face,):

@@ -6,6 +6,7 @@ from vpfx.cli.common import app, main
 from vpfx.cli.compare import compare, measure
 from vpfx.cli.query import at, nearest, profile, query
 from vpfx.cli.query_areas import contours, height_range, region, volume
+from vpfx.cli.query_cut import cut
 from vpfx.cli.query_sight import sight, viewshed
 from vpfx.cli.sql import sql
 from vpfx.cli.store import info, plot
@@ -17,6 +18,7 @@ __all__ = [
     "build",
     "compare",
     "contours",
+    "cut",
     "height_range",
     "info",
     "main",

@@ -118,7 +118,7 @@ def measure(path: Path, levels: tuple[int, ...], dem: tuple[str, ...], crs: str 
     from vpfx.dem.reference import parse_crs, unit_metres
     from vpfx.mesh_files import SUFFIXES, read_mesh
     from vpfx.model import Extent
-    from vpfx.store.store import open_store
+    from vpfx.store.reader import open_reader
 
     check_form(form)
     grid = read_grid(dem) if dem else None
@@ -132,7 +132,7 @@ def measure(path: Path, levels: tuple[int, ...], dem: tuple[str, ...], crs: str 
     else:
         if crs:
             raise InputError(f"--crs: found {crs}, but {path} is a store, which names its own; leave it out")
-        with open_store(path) as store:
+        with open_reader(path) as store:
             found = measures.measure_store(store, levels, grid)
     if form == "json":
         print(json.dumps(report.plain(found), indent=2, ensure_ascii=False))

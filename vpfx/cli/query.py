@@ -36,10 +36,10 @@ def at(store: Path, level: int | None, points: str, as_json: bool) -> None:
     Example: vpfx query at n36.gpkg --level 1 --points places.txt
     """
     from vpfx.query.location import locate
-    from vpfx.store.store import open_store
+    from vpfx.store.reader import open_reader
 
     places = _read_places(points)
-    with open_store(store) as opened:
+    with open_reader(store) as opened:
         number = len(opened.levels) - 1 if level is None else level
         found = locate(opened, places, number)
     rows = zip(
@@ -71,12 +71,12 @@ def profile(store: Path, level: int | None, line: str, as_json: bool) -> None:
     Example: vpfx query profile n36.gpkg --line=-107.66,36.35,-107.60,36.40
     """
     from vpfx.query.lines import profile as follow
-    from vpfx.store.store import open_store
+    from vpfx.store.reader import open_reader
 
     given = numbers(line, "line", float)
     if len(given) < 4 or len(given) % 2:
         raise InputError(f"--line: found {len(given)} numbers, expected x and y of two places or more")
-    with open_store(store) as opened:
+    with open_reader(store) as opened:
         number = len(opened.levels) - 1 if level is None else level
         found = follow(opened, list(zip(given[::2], given[1::2], strict=True)), number)
     heights = zip(found.start[:, 2].tolist(), found.end[:, 2].tolist(), strict=True)
@@ -104,10 +104,10 @@ def nearest(store: Path, level: int | None, points: str, as_json: bool) -> None:
     Example: vpfx query nearest n36.gpkg --points places.txt
     """
     from vpfx.query.nearest import nearest_nodes
-    from vpfx.store.store import open_store
+    from vpfx.store.reader import open_reader
 
     places = _read_places(points)
-    with open_store(store) as opened:
+    with open_reader(store) as opened:
         number = len(opened.levels) - 1 if level is None else level
         found = nearest_nodes(opened, places, number)
     told = [

@@ -35,12 +35,12 @@ def region(
     Example: vpfx query region n36.gpkg --level 1 --bbox=-107.66,36.35,-107.64,36.37 --format geojson
     """
     from vpfx.query import region as asking
-    from vpfx.store.store import open_store
+    from vpfx.store.reader import open_reader
 
     if form not in FORMS:
         raise InputError(f"--format: found {form!r}, expected one of: {', '.join(FORMS)}")
     check_output(output, overwrite, store, polygon)
-    with open_store(store) as opened:
+    with open_reader(store) as opened:
         number, area = level_of(opened, level), read_polygon(opened, polygon, polygon_layer)
         tin = asking.region(opened, number, bbox=read_bbox(bbox), polygon=area, tile_id=tile)
         ids: Any = tin.face_attributes.get("face_id", [])
@@ -80,9 +80,9 @@ def height_range(
     """
     from vpfx.query.region import elevation_range
     from vpfx.report import plain
-    from vpfx.store.store import open_store
+    from vpfx.store.reader import open_reader
 
-    with open_store(store) as opened:
+    with open_reader(store) as opened:
         number, area = level_of(opened, level), read_polygon(opened, polygon, polygon_layer)
         found = elevation_range(opened, number, bbox=read_bbox(bbox), polygon=area)
     places = {name: plain(place.tolist()) for name, place in found._asdict().items()}
@@ -111,13 +111,13 @@ def contours(
     """
     from vpfx.query import contours as asking
     from vpfx.query.region import region as faces_in
-    from vpfx.store.store import open_store
+    from vpfx.store.reader import open_reader
 
     if (heights is None) == (interval is None):
         raise InputError("contours: found heights and an interval, or neither, expected --heights or --interval")
     check_output(output, overwrite, store)
     box = read_bbox(bbox)
-    with open_store(store) as opened:
+    with open_reader(store) as opened:
         number = level_of(opened, level)
         if heights is not None:
             wanted: Any = numbers(heights, "heights", float)
@@ -145,10 +145,10 @@ def volume(
     Example: vpfx query volume n36.gpkg --plane 2000
     """
     from vpfx.query.volumes import volume as measure
-    from vpfx.store.store import open_store
+    from vpfx.store.reader import open_reader
 
     given: Any = None if plane is None else numbers(plane, "plane", float)
-    with open_store(store) as opened:
+    with open_reader(store) as opened:
         number, area = level_of(opened, level), read_polygon(opened, polygon, polygon_layer)
         given = given[0] if given is not None and len(given) == 1 else given
         found = measure(opened, number, area, plane=given, other_level=other_level)

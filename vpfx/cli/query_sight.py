@@ -36,13 +36,13 @@ def sight(
     Example: vpfx query sight n36.gpkg --observer=-107.66,36.35,1.7 --target=-107.6,36.4,10
     """
     from vpfx.query.sight import line_of_sight
-    from vpfx.store.store import open_store
+    from vpfx.store.reader import open_reader
 
     place, targets = numbers(observer, "observer", float), [numbers(text, "target", float) for text in target]
     for text, given in zip((observer, *target), (place, *targets), strict=True):
         if len(given) != 3:
             raise InputError(f"sight: found {text!r}, expected x, y and a height")
-    with open_store(store) as opened:
+    with open_reader(store) as opened:
         number = level_of(opened, level)
         found = line_of_sight(opened, number, place, targets, is_absolute=absolute, curvature=curvature)
     rows = list(zip(found.is_visible.tolist(), found.blocked_at.tolist(), strict=True))
@@ -75,7 +75,7 @@ def viewshed(
     """
     from vpfx.query import sight as asking
     from vpfx.query.region import to_geojson
-    from vpfx.store.store import open_store
+    from vpfx.store.reader import open_reader
 
     place = numbers(observer, "observer", float)
     if len(place) != 3:
@@ -84,7 +84,7 @@ def viewshed(
         raise InputError(f"--format: found {form!r}, expected one of: {', '.join(FORMS)}")
     check_output(output, overwrite, store)
     options = {"observer_height": place[2], "target_height": target_height, "reach": reach, "curvature": curvature}
-    with open_store(store) as opened:
+    with open_reader(store) as opened:
         number = level_of(opened, level)
         found = asking.viewshed(opened, number, place[:2], bbox=read_bbox(bbox), **options)
         seen = found.face_ids[found.is_visible].tolist()

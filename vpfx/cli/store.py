@@ -22,9 +22,9 @@ def info(store: Path, as_json: bool) -> None:
     Example: vpfx info n36.gpkg
     """
     started = time.perf_counter()
-    from vpfx.store.store import open_store
+    from vpfx.store.reader import open_reader
 
-    with open_store(store) as opened:
+    with open_reader(store) as opened:
         tiles = len(opened.tiles()["tile_id"])
         facts = {
             **opened.metadata, "store": str(store), "bytes": store.stat().st_size, "tiles": tiles,
@@ -76,9 +76,9 @@ def plot(
     """
     from vpfx import plot as plotting
     from vpfx.dem.reference import unit_metres
-    from vpfx.store.store import open_store
+    from vpfx.store.reader import open_reader
 
-    with open_store(store) as opened:
+    with open_reader(store) as opened:
         number = len(opened.levels) - 1 if level is None else level
         tin = opened.tin(number, None if bbox is None else numbers(bbox, "bbox", float))
         line, metres = opened.levels[number], unit_metres(opened.crs, opened.extent)

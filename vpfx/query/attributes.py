@@ -16,7 +16,7 @@ from vpfx.query.vertical import follow
 from vpfx.store.arrays import NO_IDS, SWEEP, look_up, runs_of
 from vpfx.store.classes import FeatureClass, find_class
 from vpfx.store.descent import mesh_of
-from vpfx.store.store import Store
+from vpfx.store.reader import StoreReader
 
 __all__ = ["Attributes", "added_up", "areas_of", "attributes"]
 
@@ -66,12 +66,12 @@ class _Parts(NamedTuple):
         return _Parts(keys[0], keys[1], share, keys[2])
 
 
-def attributes(store: Store, face_ids: Any, class_name: str) -> Attributes:
+def attributes(store: StoreReader, face_ids: Any, class_name: str) -> Attributes:
     """Features of a class that faces of any level are part of.
 
     Parameters
     ----------
-    store : Store
+    store : StoreReader
     face_ids : integers (n,)
         Of one level or several, also more than once.
     class_name : str
@@ -95,7 +95,12 @@ def attributes(store: Store, face_ids: Any, class_name: str) -> Attributes:
     --------
     ``attributes(store, [3, 4], "soil").columns["kind"]``
     """
-    found = find_class(store.classes, class_name, store.path)
+    with store.snapshot():
+        return _attributes(store, face_ids, find_class(store.classes, class_name, store.path))
+
+
+def _attributes(store: StoreReader, face_ids: Any, found: FeatureClass) -> Attributes:
+    """Answer in one state of the file."""
     asked = np.asarray(face_ids)
     if asked.size and asked.dtype.kind not in "iu":
         raise InputError(f"faces: found {str(face_ids)[:40]}, expected whole numbers")
@@ -112,7 +117,7 @@ def attributes(store: Store, face_ids: Any, class_name: str) -> Attributes:
     return Attributes(whose, features[row], share[row], _columns(store, found, features[row]))
 
 
-def areas_of(store: Store, face_ids: Ids) -> Floats:
+def areas_of(store: StoreReader, face_ids: Ids) -> Floats:
     """Plan areas of faces, float64 (n,), squared CRS units."""
     mesh = mesh_of(store, store.fetch("face", face_ids))
     a, b, c = (mesh.xyz[mesh.face_nodes[:, i], :2] for i in range(3))
@@ -120,7 +125,7 @@ def areas_of(store: Store, face_ids: Ids) -> Floats:
     return area
 
 
-def _owners_above(store: Store, found: FeatureClass, faces: Ids) -> _Parts:
+def _owners_above(store: StoreReader, found: FeatureClass, faces: Ids) -> _Parts:
     """Faces with features that are nearest to each face, itself or above, with their shares of it."""
     parts = _Parts(np.arange(len(faces)), faces, np.ones(len(faces)), np.full(len(faces), NOBODY))
     done = [parts.at(np.zeros(0, np.int64))]
@@ -137,7 +142,7 @@ def _owners_above(store: Store, found: FeatureClass, faces: Ids) -> _Parts:
     return merged._replace(owner=merged.face_ids)
 
 
-def _owners_below(store: Store, found: FeatureClass, faces: Ids, level: Ids) -> _Parts:
+def _owners_below(store: StoreReader, found: FeatureClass, faces: Ids, level: Ids) -> _Parts:
     """Owners of the faces of the finest level below each face, with their shares of it; `NOBODY` where none is below."""
     waiting = _Parts(np.arange(len(faces)), faces, np.ones(len(faces)), np.full(len(faces), NOBODY))
     parts = waiting.at(np.zeros(0, np.int64))
@@ -169,7 +174,7 @@ def _joined(above: _Parts, below: _Parts, n_face: int) -> _Parts:
     return _Parts(*(np.concatenate(pair) for pair in pairs))
 
 
-def _have_features(store: Store, found: FeatureClass, faces: Ids) -> NDArray[np.bool_]:
+def _have_features(store: StoreReader, found: FeatureClass, faces: Ids) -> NDArray[np.bool_]:
     """Tell which faces have features of the class by themselves; the plus keeps SQLite to the order of faces."""
     query = "SELECT DISTINCT face_id FROM face_feature WHERE face_id BETWEEN ? AND ? AND +class_id = ? ORDER BY face_id"
     known = [
@@ -178,7 +183,7 @@ def _have_features(store: Store, found: FeatureClass, faces: Ids) -> NDArray[np.
     return look_up(np.concatenate(known), faces)[1]
 
 
-def _with_features(store: Store, found: FeatureClass, owned: _Parts) -> tuple[Ids, Ids, Floats]:
+def _with_features(store: StoreReader, found: FeatureClass, owned: _Parts) -> tuple[Ids, Ids, Floats]:
     """Features of what owners own, added up: place of the face, feature, share."""
     owners, index = np.unique(owned.owner, return_inverse=True)
     query = (
@@ -211,7 +216,7 @@ def added_up(keys: Ids, share: Floats) -> tuple[Ids, Floats]:
     return ordered[:, is_first], sums
 
 
-def _columns(store: Store, found: FeatureClass, features: Ids) -> dict[str, NDArray[Any]]:
+def _columns(store: StoreReader, found: FeatureClass, features: Ids) -> dict[str, NDArray[Any]]:
     """Values of features, in their order."""
     known, index = np.unique(features, return_inverse=True)
     rows: dict[int, tuple[Any, ...]] = {}

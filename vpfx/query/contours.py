@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from vpfx.errors import InputError
 from vpfx.model import Tin
 from vpfx.query.region import area_of, region, to_degrees
-from vpfx.store.store import Store
+from vpfx.store.reader import StoreReader
 
 __all__ = ["Contour", "contours", "contours_of", "even_heights", "to_geojson"]
 
@@ -37,12 +37,12 @@ class Contour(NamedTuple):
     lines: Any
 
 
-def contours(store: Store, level: int, heights: Any, *, bbox: Sequence[float] | None = None) -> list[Contour]:
+def contours(store: StoreReader, level: int, heights: Any, *, bbox: Sequence[float] | None = None) -> list[Contour]:
     """Contours of a level.
 
     Parameters
     ----------
-    store : Store
+    store : StoreReader
     level : int
     heights : float64 (n,)
         Metres.

@@ -21,7 +21,7 @@ from vpfx.query.needs import Eye, Focus, Need, checked_errors, checked_eye, chec
 from vpfx.query.stitch import stitch
 from vpfx.query.vertical import children
 from vpfx.store.arrays import look_up
-from vpfx.store.store import Store
+from vpfx.store.reader import StoreReader
 from vpfx.topology import find_twins
 
 __all__ = ["MORPH", "cut"]
@@ -49,7 +49,7 @@ class _Nodes:
     weight : float64 (n_node,)
     """
 
-    def __init__(self, store: Store) -> None:
+    def __init__(self, store: StoreReader) -> None:
         self._store = store
         self.ids = np.empty(0, np.int64)
         self.rows = store.fetch("node", self.ids)
@@ -114,14 +114,14 @@ class _Ladder(NamedTuple):
 
 
 def cut(
-    store: Store, eye: Any = None, *, screen_error: float = 2.0, fov: float = 60.0, screen_height: int = 1080,
+    store: StoreReader, eye: Any = None, *, screen_error: float = 2.0, fov: float = 60.0, screen_height: int = 1080,
     error: float | None = None, focus: Any = None, growth: float = math.inf, bbox: Any = None, morph: float = MORPH,
 ) -> Tin:  # fmt: skip
     """Cover the extent once with faces of mixed levels, without cracks: for an eye, or for an error and a focus.
 
     Parameters
     ----------
-    store : Store
+    store : StoreReader
         Of nested levels without T-junctions.
     eye : three numbers, optional
         x and y in CRS units, z in metres above the datum of the heights.
@@ -156,7 +156,7 @@ def cut(
 
     Notes
     -----
-    Max_error is at most the tolerance, except in faces of the last level. Reads level 0, and of the other levels the faces it
+    ``max_error`` is at most the tolerance, or what the last level has. Reads level 0, and of the other levels the faces it
     returns and those beside them. Cost: O(faces returned).
 
     Examples
@@ -186,7 +186,7 @@ def cut(
     return _joined(store, nodes, [*found, faces], need)
 
 
-def _check_nested(store: Store) -> None:
+def _check_nested(store: StoreReader) -> None:
     """Refuse stores in which a face is not covered by its children, edge by edge."""
     for table, found in (("shared_area", "levels that are not nested"), ("t_junction", "T-junctions in its levels")):
         if len(store.select(f"SELECT 1 AS row FROM {table} LIMIT 1")["row"]):
@@ -196,7 +196,7 @@ def _check_nested(store: Store) -> None:
             )
 
 
-def _first_level(store: Store, nodes: _Nodes, bbox: Any) -> _Faces:
+def _first_level(store: StoreReader, nodes: _Nodes, bbox: Any) -> _Faces:
     """Read level 0."""
     parts = [store.tile_faces(0, tile_id) for tile_id in store.tiles(bbox)["tile_id"].tolist()]
     parts = parts or [store.fetch("face", [])]
@@ -213,14 +213,14 @@ def _faces_of(rows: dict[str, NDArray[Any]], nodes: _Nodes, max_error: Floats) -
     return _Faces(rows["face_id"], rows["tile_id"], nodes.index(corners), rows["is_filled"].astype(bool), max_error)
 
 
-def _slab(store: Store, nodes: _Nodes) -> tuple[float, float]:
+def _slab(store: StoreReader, nodes: _Nodes) -> tuple[float, float]:
     """Least and greatest height of the surface: that of level 0, and as far beyond as nodes of the others rise."""
     rise = sum(line.max_rise or 0.0 for line in store.levels)
     z = nodes.rows["z"]
     return float(z.min(initial=np.inf)) - rise, float(z.max(initial=-np.inf)) + rise
 
 
-def _ladder(store: Store, morph: float) -> _Ladder:
+def _ladder(store: StoreReader, morph: float) -> _Ladder:
     """Errors of the steps, last step first: no step begins before the one before is done."""
     error = np.array([line.max_error for line in store.levels])
     floor, most = np.zeros((2, len(error) - 1))
@@ -232,7 +232,7 @@ def _ladder(store: Store, morph: float) -> _Ladder:
 
 
 def _refine(
-    store: Store, nodes: _Nodes, faces: _Faces, level: int, need: Need, ladder: _Ladder, morph: float
+    store: StoreReader, nodes: _Nodes, faces: _Faces, level: int, need: Need, ladder: _Ladder, morph: float
 ) -> tuple[NDArray[np.bool_], _Faces]:
     """Replace faces of a level by their children where that is needed.
 
@@ -271,7 +271,7 @@ def _spread(values: Floats, beside: Ids) -> Floats:
 
 
 def _weigh(
-    store: Store, nodes: _Nodes, faces: _Faces, kid_nodes: NDArray[np.int32], parent: Ids, known: int, level: int,
+    store: StoreReader, nodes: _Nodes, faces: _Faces, kid_nodes: NDArray[np.int32], parent: Ids, known: int, level: int,
     near: Floats, need: Need, ladder: _Ladder, morph: float,
 ) -> None:  # fmt: skip
     """Give weights and heights to nodes that are new at the next level."""
@@ -293,7 +293,10 @@ def _weigh(
         weight = np.where(distance <= full, 1.0, np.clip((none - distance) / (none - full), 0.0, 1.0))
     weight = np.where((distance > full) & (none <= full), 0.0, weight)
     nodes.weight = np.concatenate([nodes.weight, weight])
-    nodes.height = np.concatenate([nodes.height, rows["z_parent"] + weight * rise])
+    own = np.where(
+        weight == 1.0, rows["z"], rows["z_parent"] + weight * rise
+    )  # at both ends what is stored, to the bit
+    nodes.height = np.concatenate([nodes.height, own])
 
 
 def _bound(nodes: _Nodes, face_nodes: NDArray[np.int32], level: int, error: Floats, of_parent: Floats) -> Floats:
@@ -304,12 +307,12 @@ def _bound(nodes: _Nodes, face_nodes: NDArray[np.int32], level: int, error: Floa
     added = np.where(is_new, nodes.weight[face_nodes] * np.abs(z - before), 0.0).max(axis=1, initial=0.0)
     least = of_parent + added
     for blend in BLENDS:
-        away = np.abs(height - (before + blend * (z - before))).max(axis=1, initial=0.0)
+        away = np.abs((height - before) - blend * (z - before)).max(axis=1, initial=0.0)
         least = np.minimum(least, (1.0 - blend) * error[level - 1] + blend * error[level] + away)
     return least
 
 
-def _joined(store: Store, nodes: _Nodes, parts: list[_Faces], need: Need) -> Tin:
+def _joined(store: StoreReader, nodes: _Nodes, parts: list[_Faces], need: Need) -> Tin:
     """Put the faces of all levels together and cut those that have nodes of finer ones in their edges."""
     level = np.repeat(np.arange(len(parts)), [len(part.ids) for part in parts])
     faces = _Faces(*(np.concatenate(columns) for columns in zip(*parts, strict=True)))

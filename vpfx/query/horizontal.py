@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from vpfx.errors import InputError, NotFoundError, StoreFormatError
 from vpfx.store.arrays import look_up
 from vpfx.store.descent import faces_near
-from vpfx.store.store import Store
+from vpfx.store.reader import StoreReader
 from vpfx.topology import NONE
 
 __all__ = ["Groups", "Rings", "components", "edge_neighbours", "flood", "k_ring", "node_neighbours", "rings"]
@@ -55,12 +55,12 @@ class Rings(NamedTuple):
     face_ids: Ids
 
 
-def edge_neighbours(store: Store, face_ids: Any) -> Ids:
+def edge_neighbours(store: StoreReader, face_ids: Any) -> Ids:
     """Faces across the edges of faces.
 
     Parameters
     ----------
-    store : Store
+    store : StoreReader
     face_ids : integers (n,)
 
     Returns
@@ -81,12 +81,12 @@ def edge_neighbours(store: Store, face_ids: Any) -> Ids:
     return other.reshape(-1, 3)
 
 
-def rings(store: Store, node_ids: Any, level: int) -> Rings:
+def rings(store: StoreReader, node_ids: Any, level: int) -> Rings:
     """Edges and faces of a level round nodes, in order.
 
     Parameters
     ----------
-    store : Store
+    store : StoreReader
     node_ids : integers (n,)
     level : int
 
@@ -136,7 +136,7 @@ def _from_least(edge_ids: Ids, face_ids: Ids) -> tuple[Ids, Ids]:
     return np.take_along_axis(edge_ids, turned, axis=1), np.take_along_axis(face_ids, turned, axis=1)
 
 
-def _edges_at(store: Store, node_ids: Ids, level: int) -> Ids:
+def _edges_at(store: StoreReader, node_ids: Ids, level: int) -> Ids:
     """One edge of a level at each node, the nodes ascending."""
     if len(node_ids) == 0:
         return node_ids
@@ -151,7 +151,7 @@ def _edges_at(store: Store, node_ids: Ids, level: int) -> Ids:
     return found
 
 
-def node_neighbours(store: Store, face_ids: Any) -> Groups:
+def node_neighbours(store: StoreReader, face_ids: Any) -> Groups:
     """Faces that share at least a corner with each of some faces of one level, ascending.
 
     Raises
@@ -182,7 +182,7 @@ def _one_level(faces: dict[str, NDArray[Any]]) -> int:
     return int(levels[0])
 
 
-def k_ring(store: Store, face_ids: Any, k: int, *, over: str = "edge") -> Ids:
+def k_ring(store: StoreReader, face_ids: Any, k: int, *, over: str = "edge") -> Ids:
     """Faces within k steps of some faces, these included, ascending.
 
     Parameters
@@ -209,7 +209,7 @@ def k_ring(store: Store, face_ids: Any, k: int, *, over: str = "edge") -> Ids:
     return known
 
 
-def flood(store: Store, face_ids: Any, is_wanted: Callable[[dict[str, NDArray[Any]]], NDArray[np.bool_]]) -> Ids:
+def flood(store: StoreReader, face_ids: Any, is_wanted: Callable[[dict[str, NDArray[Any]]], NDArray[np.bool_]]) -> Ids:
     """Faces that can be reached over edges from some faces through wanted faces, ascending.
 
     Parameters
@@ -229,7 +229,7 @@ def flood(store: Store, face_ids: Any, is_wanted: Callable[[dict[str, NDArray[An
     return known
 
 
-def components(store: Store, face_ids: Any) -> NDArray[np.int64]:
+def components(store: StoreReader, face_ids: Any) -> NDArray[np.int64]:
     """Number the pieces that some faces make, which hang together over edges.
 
     Returns

@@ -13,7 +13,7 @@ from vpfx.geometry import ON_EDGE, heights_on_faces
 from vpfx.model import Extent
 from vpfx.query.location import find_faces
 from vpfx.store.descent import Mesh, descend
-from vpfx.store.store import Store
+from vpfx.store.reader import StoreReader
 from vpfx.topology import NONE
 
 __all__ = ["Profile", "profile"]
@@ -43,12 +43,12 @@ class Profile(NamedTuple):
     distance: Floats
 
 
-def profile(store: Store, line: Any, level: int) -> Profile:
+def profile(store: StoreReader, line: Any, level: int) -> Profile:
     """Follow a line over a level.
 
     Parameters
     ----------
-    store : Store
+    store : StoreReader
     line : float64 (n, 2)
         x and y in CRS units of at least two places.
     level : int
@@ -81,7 +81,7 @@ def profile(store: Store, line: Any, level: int) -> Profile:
     return Profile(*map(np.concatenate, zip(*found, strict=True)))
 
 
-def _stretch(store: Store, start: Floats, end: Floats, level: int, done: float) -> Profile:
+def _stretch(store: StoreReader, start: Floats, end: Floats, level: int, done: float) -> Profile:
     """Follow one straight stretch."""
     mesh = _faces_along(store, start, end, level)
     nodes, face_nodes = mesh.xyz, mesh.face_nodes
@@ -100,7 +100,7 @@ def _stretch(store: Store, start: Floats, end: Floats, level: int, done: float) 
     return Profile(mesh.faces["face_id"][face], ends[0], ends[1], done + along * length)
 
 
-def _faces_along(store: Store, start: Floats, end: Floats, level: int) -> Mesh:
+def _faces_along(store: StoreReader, start: Floats, end: Floats, level: int) -> Mesh:
     """Return the faces of a level that a stretch touches, and some beside it."""
     ahead = end - start
     slack = ON_EDGE * float(np.abs(ahead).sum())

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from vpfx.errors import InputError, StoreFormatError
 from vpfx.geometry import ON_EDGE, heights_on_faces
 from vpfx.store.descent import MOST_OF_TILES, MOST_PLACES, Mesh, faces_near, mesh_of
-from vpfx.store.store import Store
+from vpfx.store.reader import StoreReader
 from vpfx.topology import NONE
 
 __all__ = ["Located", "bin_of", "bins_of", "find_faces", "locate"]
@@ -43,12 +43,12 @@ class Located(NamedTuple):
     normal: Floats
 
 
-def locate(store: Store, places: Any, level: int) -> Located:
+def locate(store: StoreReader, places: Any, level: int) -> Located:
     """Find the faces of a level at places.
 
     Parameters
     ----------
-    store : Store
+    store : StoreReader
     places : float64 (n, 2)
         x and y in CRS units.
     level : int
@@ -87,7 +87,7 @@ def locate(store: Store, places: Any, level: int) -> Located:
     return _described(store, face_ids, z)
 
 
-def _tiles_at(store: Store, tiles: dict[str, NDArray[Any]], xy: Floats) -> list[NDArray[np.int64]]:
+def _tiles_at(store: StoreReader, tiles: dict[str, NDArray[Any]], xy: Floats) -> list[NDArray[np.int64]]:
     """Return the tiles that each place lies in or on, ascending: four numbers of tiles a place, -1 for none.
 
     Places on the line between two tiles have both, at a corner all four.
@@ -107,7 +107,7 @@ def _tiles_at(store: Store, tiles: dict[str, NDArray[Any]], xy: Floats) -> list[
     return found
 
 
-def _binned(store: Store, level: int, tiles: dict[str, NDArray[Any]], tile: int, xy: Floats) -> tuple[Any, ...]:
+def _binned(store: StoreReader, level: int, tiles: dict[str, NDArray[Any]], tile: int, xy: Floats) -> tuple[Any, ...]:
     """Ids, nodes, face_nodes and bins of the faces near places of a tile, or of all its faces, kept for the next question."""
     low, high = (np.array([tiles[name][tile] for name in names]) for names in (("xmin", "ymin"), ("xmax", "ymax")))
 
@@ -148,7 +148,7 @@ def find_faces(nodes: Floats, face_nodes: NDArray[np.int32], places: Floats) -> 
     return _find(np.ascontiguousarray(places), nodes, face_nodes, *bins_of(nodes, face_nodes, low, high))
 
 
-def _described(store: Store, face_ids: NDArray[np.int64], z: Floats) -> Located:
+def _described(store: StoreReader, face_ids: NDArray[np.int64], z: Floats) -> Located:
     """Add slopes, aspects and normals."""
     is_there = face_ids != NONE
     rows = store.fetch("face", face_ids[is_there])

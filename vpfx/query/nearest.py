@@ -9,7 +9,7 @@ import shapely
 from numpy.typing import NDArray
 
 from vpfx.errors import InputError
-from vpfx.store.store import Store
+from vpfx.store.reader import StoreReader
 from vpfx.topology import NONE
 
 __all__ = ["Nearest", "nearest_nodes"]
@@ -35,12 +35,12 @@ class Nearest(NamedTuple):
     places: Floats
 
 
-def nearest_nodes(store: Store, places: Any, level: int) -> Nearest:
+def nearest_nodes(store: StoreReader, places: Any, level: int) -> Nearest:
     """Nodes of a level that lie nearest to places, seen from above.
 
     Parameters
     ----------
-    store : Store
+    store : StoreReader
     places : float64 (n, 2)
         x and y in CRS units.
     level : int
@@ -85,7 +85,9 @@ def _away(xy: Floats, tiles: dict[str, NDArray[Any]], k: int) -> Floats:
     return away
 
 
-def _ask_tile(store: Store, level: int, tile_id: int, xy: Floats, some: NDArray[np.int64], found: Nearest) -> None:
+def _ask_tile(
+    store: StoreReader, level: int, tile_id: int, xy: Floats, some: NDArray[np.int64], found: Nearest
+) -> None:
     """Put the nodes of a tile in where they are nearer than those found, or as near and of less id."""
     faces = store.tile_faces(level, tile_id)
     node_ids = np.unique(np.stack([faces[f"node_{i}"] for i in (1, 2, 3)]))

@@ -13,7 +13,7 @@ from pyproj import CRS, Transformer
 from vpfx.errors import InputError, NotFoundError
 from vpfx.geometry import heights_on_faces
 from vpfx.model import Tin
-from vpfx.store.store import Store
+from vpfx.store.reader import StoreReader
 from vpfx.topology import NONE
 
 __all__ = [
@@ -52,13 +52,13 @@ class ElevationRange(NamedTuple):
 
 
 def region(
-    store: Store, level: int, *, bbox: Box | None = None, polygon: Any = None, tile_id: int | None = None
+    store: StoreReader, level: int, *, bbox: Box | None = None, polygon: Any = None, tile_id: int | None = None
 ) -> Tin:
     """Faces of a level that touch a rectangle, touch a polygon, and belong to a tile.
 
     Parameters
     ----------
-    store : Store
+    store : StoreReader
     level : int
     bbox : four numbers, optional
         min_x, min_y, max_x, max_y in CRS units.
@@ -105,7 +105,7 @@ def region(
 
 
 def region_rows(
-    store: Store, level: int, *, bbox: Box | None = None, polygon: Any = None, tile_id: int | None = None
+    store: StoreReader, level: int, *, bbox: Box | None = None, polygon: Any = None, tile_id: int | None = None
 ) -> dict[str, NDArray[Any]]:
     """Rows of the table `face` for the faces that `region` gives, as of `Store.fetch`.
 
@@ -242,7 +242,7 @@ def to_geojson(tin: Tin) -> dict[str, Any]:
     -------
     dict
         Ready for `json.dumps`: rings closed and counter-clockwise, longitude and latitude on WGS 84, z in metres. Where the
-        CRS is unknown, places stay as they are. NaN becomes None.
+        CRS is unknown, places stay as they are. NaN and infinity become None.
 
     Raises
     ------
@@ -290,19 +290,19 @@ def to_degrees(x: Floats, y: Floats, crs: str) -> tuple[Floats, Floats]:
 
 
 def _plain(values: NDArray[Any]) -> list[Any]:
-    """Values of JSON; None for NaN."""
+    """Values of JSON; None for what is no finite number."""
     plain = values.astype(object)
     if values.dtype.kind == "f":
-        plain[np.isnan(values)] = None
+        plain[~np.isfinite(values)] = None
     return list(plain.tolist())
 
 
-def elevation_range(store: Store, level: int, *, bbox: Box | None = None, polygon: Any = None) -> ElevationRange:
+def elevation_range(store: StoreReader, level: int, *, bbox: Box | None = None, polygon: Any = None) -> ElevationRange:
     """Lowest and highest place of the surface of a level within a rectangle and a polygon.
 
     Parameters
     ----------
-    store : Store
+    store : StoreReader
     level : int
     bbox, polygon
         As for `region`; what both share if both are given, the whole level if neither is.
@@ -325,7 +325,7 @@ def elevation_range(store: Store, level: int, *, bbox: Box | None = None, polygo
     return ElevationRange(places[np.lexsort((y, x, z))[0]], places[np.lexsort((y, x, -z))[0]])
 
 
-def _corners(store: Store, level: int, area: Any) -> Floats:
+def _corners(store: StoreReader, level: int, area: Any) -> Floats:
     """Corners of the faces clipped to an area, (n, 3)."""
     if area is None:
         return store.tin(level).nodes

@@ -16,7 +16,7 @@ from vpfx.query.lines import profile
 from vpfx.query.location import bins_of, locate
 from vpfx.query.rays import first_blocks
 from vpfx.query.region import part_of, region
-from vpfx.store.store import Store
+from vpfx.store.reader import StoreReader
 from vpfx.topology import NONE
 
 __all__ = ["Sight", "Viewshed", "line_of_sight", "shown", "viewshed", "walk"]
@@ -60,12 +60,12 @@ class Viewshed(NamedTuple):
     is_visible: NDArray[np.bool_]
 
 
-def walk(store: Store, level: int, start: Any, end: Any) -> NDArray[np.int64]:
+def walk(store: StoreReader, level: int, start: Any, end: Any) -> NDArray[np.int64]:
     """Faces along a straight line, in order.
 
     Parameters
     ----------
-    store : Store
+    store : StoreReader
     level : int
     start, end : float64 (2,)
         x and y in CRS units.
@@ -90,13 +90,13 @@ def walk(store: Store, level: int, start: Any, end: Any) -> NDArray[np.int64]:
 
 
 def line_of_sight(
-    store: Store, level: int, observer: Any, targets: Any, *, is_absolute: bool = False, curvature: bool = False
+    store: StoreReader, level: int, observer: Any, targets: Any, *, is_absolute: bool = False, curvature: bool = False
 ) -> Sight:
     """Tell which targets are seen from a place.
 
     Parameters
     ----------
-    store : Store
+    store : StoreReader
     level : int
     observer : float64 (3,)
         x and y in CRS units, and height above the ground in metres.
@@ -133,14 +133,14 @@ def line_of_sight(
 
 
 def viewshed(
-    store: Store, level: int, observer: Any, *, observer_height: float = 1.7, target_height: float = 0.0,
+    store: StoreReader, level: int, observer: Any, *, observer_height: float = 1.7, target_height: float = 0.0,
     reach: float | None = None, bbox: Sequence[float] | None = None, curvature: bool = False,
 ) -> Viewshed:  # fmt: skip
     """Tell which faces are seen from a place.
 
     Parameters
     ----------
-    store : Store
+    store : StoreReader
     level : int
     observer : float64 (2,)
         x and y in CRS units.
@@ -189,7 +189,7 @@ def viewshed(
     return Viewshed(wanted.face_attributes["face_id"][keep][order], np.isinf(share)[order])
 
 
-def shown(store: Store, level: int, found: Viewshed) -> Tin:
+def shown(store: StoreReader, level: int, found: Viewshed) -> Tin:
     """The faces of a viewshed as a mesh, with the attribute `is_visible`."""
     tin = store.tin(level)
     if tin.n_face == 0:
@@ -213,7 +213,7 @@ def _places(given: Any, n: int, name: str) -> Floats:
     return places
 
 
-def _raised(store: Store, level: int, places: Floats, name: str, is_absolute: bool) -> Floats:
+def _raised(store: StoreReader, level: int, places: Floats, name: str, is_absolute: bool) -> Floats:
     """Places with heights above the vertical datum."""
     store.check_level(level)
     if is_absolute:
@@ -225,7 +225,7 @@ def _raised(store: Store, level: int, places: Floats, name: str, is_absolute: bo
     return places + np.column_stack([np.zeros((len(places), 2)), ground])
 
 
-def _metres(store: Store, curvature: bool) -> tuple[float, float]:
+def _metres(store: StoreReader, curvature: bool) -> tuple[float, float]:
     """Size of a CRS unit, metres, where curvature counts; else 0, with which nothing bends."""
     return unit_metres(store.crs, store.extent) if curvature else (0.0, 0.0)
 

@@ -15,7 +15,7 @@ from vpfx.errors import InputError, StoreFormatError
 from vpfx.geometry import LEAST_SHARED
 from vpfx.store.arrays import NO_IDS, SWEEP, look_up, runs_of
 from vpfx.store.descent import mesh_of
-from vpfx.store.store import Store
+from vpfx.store.reader import StoreReader
 
 __all__ = ["Related", "children", "descendants", "follow", "parents", "related", "siblings"]
 
@@ -41,7 +41,7 @@ class Related(NamedTuple):
     area: Floats | None = None
 
 
-def parents(store: Store, face_ids: Any, *, with_area: bool = False) -> Related:
+def parents(store: StoreReader, face_ids: Any, *, with_area: bool = False) -> Related:
     """Faces of the level before that share area with each face; none on level 0.
 
     Parameters
@@ -60,7 +60,7 @@ def parents(store: Store, face_ids: Any, *, with_area: bool = False) -> Related:
     return _measured(store, ids, found) if with_area else found
 
 
-def children(store: Store, face_ids: Any, *, with_area: bool = False) -> Related:
+def children(store: StoreReader, face_ids: Any, *, with_area: bool = False) -> Related:
     """Faces of the next level that share area with each face; none on the last level.
 
     Parameters
@@ -79,7 +79,7 @@ def children(store: Store, face_ids: Any, *, with_area: bool = False) -> Related
     return _measured(store, ids, found) if with_area else found
 
 
-def related(store: Store, face_ids: Any, level: int, *, with_area: bool = False) -> Related:
+def related(store: StoreReader, face_ids: Any, level: int, *, with_area: bool = False) -> Related:
     """Ancestors, or descendants, of each face at a level; the face itself at its own.
 
     Parameters
@@ -124,12 +124,12 @@ def related(store: Store, face_ids: Any, level: int, *, with_area: bool = False)
     return _measured(store, ids, found) if with_area else found
 
 
-def descendants(store: Store, face_ids: Any, level: int) -> Ids:
+def descendants(store: StoreReader, face_ids: Any, level: int) -> Ids:
     """Faces of a level that come from some faces, or from which these come, each once, ascending: zoom in or out."""
     return np.unique(related(store, face_ids, level).face_ids)
 
 
-def siblings(store: Store, face_ids: Any) -> Related:
+def siblings(store: StoreReader, face_ids: Any) -> Related:
     """Other faces that share a parent with each face; none on level 0."""
     up = parents(store, face_ids)
     down = children(store, up.face_ids)
@@ -140,7 +140,7 @@ def siblings(store: Store, face_ids: Any) -> Related:
     return Related(pairs[:, 0], pairs[:, 1])
 
 
-def _checked(store: Store, face_ids: Any) -> Ids:
+def _checked(store: StoreReader, face_ids: Any) -> Ids:
     """Ids as an array, checked to be faces."""
     ids = np.asarray(face_ids)
     if ids.size and ids.dtype.kind not in "iu":
@@ -148,7 +148,7 @@ def _checked(store: Store, face_ids: Any) -> Ids:
     return store.fetch("face", ids)["face_id"]
 
 
-def _step(store: Store, ids: Ids, way: str) -> Related:
+def _step(store: StoreReader, ids: Ids, way: str) -> Related:
     """Follow links one level up or down."""
     wanted, index = np.unique(ids, return_inverse=True)
     pairs = store.linked("child_face" if way == "up" else "parent_face", wanted)
@@ -160,7 +160,7 @@ def _step(store: Store, ids: Ids, way: str) -> Related:
     return Related(owner, pairs[place, 1])
 
 
-def follow(store: Store, face_ids: Ids, way: str) -> tuple[Related, Floats]:
+def follow(store: StoreReader, face_ids: Ids, way: str) -> tuple[Related, Floats]:
     """Follow links of faces one level ``up`` or ``down``, with the areas stored (R-182); the ids are not checked.
 
     Where levels are nested areas are NaN: a child shares all of its own.
@@ -187,7 +187,7 @@ def _keys(*pairs: tuple[Ids, Ids]) -> list[Ids]:
     return np.split(keys, np.cumsum([len(pair[0]) for pair in pairs[:-1]]))
 
 
-def _measured(store: Store, ids: Ids, found: Related) -> Related:
+def _measured(store: StoreReader, ids: Ids, found: Related) -> Related:
     """Add the areas that pairs share, by GEOS; pairs that only touch are left out."""
     each, place = np.unique(np.concatenate([ids[found.of], found.face_ids]), return_inverse=True)
     mesh = mesh_of(store, store.fetch("face", each))

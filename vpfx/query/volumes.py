@@ -14,7 +14,7 @@ from vpfx.model import Tin
 from vpfx.query.region import check_polygon, face_polygons, region
 from vpfx.query.vertical import related
 from vpfx.store.arrays import look_up
-from vpfx.store.store import Store
+from vpfx.store.reader import StoreReader
 
 __all__ = ["Volume", "positive_part", "volume"]
 
@@ -64,13 +64,13 @@ class _Pieces(NamedTuple):
 
 
 def volume(
-    store: Store, level: int, polygon: Any = None, *, plane: Any = None, other_level: int | None = None
+    store: StoreReader, level: int, polygon: Any = None, *, plane: Any = None, other_level: int | None = None
 ) -> Volume:
     """Areas and volumes of a level within a polygon.
 
     Parameters
     ----------
-    store : Store
+    store : StoreReader
     level : int
     polygon : shapely Polygon or MultiPolygon, optional
         In CRS units; without it, all ground.
@@ -184,7 +184,7 @@ def _clipped(tin: Tin, polygon: Any) -> _Pieces:
     return _together(_of_faces(tin, whole, whole), rest)
 
 
-def _shared(store: Store, tin: Tin, other: Tin, polygon: Any, is_finer: bool) -> _Pieces:
+def _shared(store: StoreReader, tin: Tin, other: Tin, polygon: Any, is_finer: bool) -> _Pieces:
     """Parts of faces of two levels that both have, within a polygon."""
     if tin.n_face == 0 or other.n_face == 0:
         return _of_faces(tin, np.empty(0, np.int64), np.empty(0, np.int64))

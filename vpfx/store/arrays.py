@@ -5,6 +5,7 @@ from __future__ import annotations
 import sqlite3
 from collections.abc import Iterator
 from contextlib import contextmanager
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -151,21 +152,33 @@ class TableReader:
     @contextmanager
     def _held(self) -> Iterator[NDArray[np.uint8] | None]:
         """Give the pages as no writer changes them, or None where SQL has to read them."""
+        _warm()
+        if self._connection.in_transaction:  # no new mapping: closing its handle would drop the lock that is held
+            (count,) = self._connection.execute("PRAGMA page_count").fetchone()
+            yield self._sure_bytes() if self._pages is not None and count == self._pages.count else None
+            return
         while True:
-            if self._pages is None:
-                self._pages = map_pages(
-                    self._path
-                )  # the file was edited here, or has grown or shrunk since it was mapped
-            self._connection.execute("BEGIN")
-            try:
-                self._lock()
+            if self._pages is None:  # the file was edited here, or has grown or shrunk since it was mapped
+                self._pages = map_pages(self._path)
+            with self.held():
                 (count,) = self._connection.execute("PRAGMA page_count").fetchone()
                 if self._pages is None or count == self._pages.count:
                     yield self._sure_bytes()
                     return
-            finally:
-                self._connection.execute("COMMIT")
             self._pages = None
+
+    @contextmanager
+    def held(self) -> Iterator[None]:
+        """Keep the state of the file as it is for some questions: a transaction that reads, or the one that is open."""
+        if self._connection.in_transaction:
+            yield
+            return
+        self._connection.execute("BEGIN")
+        try:
+            self._lock()
+            yield
+        finally:
+            self._connection.execute("COMMIT")
 
     def _sure_bytes(self) -> NDArray[np.uint8] | None:
         """Return the pages if they are all there is: not where the newest ones may lie in a write-ahead log."""
@@ -198,6 +211,15 @@ class TableReader:
         values = zip(*rows, strict=True) if rows else ([] for _ in names)
         reals = {name for name, kind in columns if kind == REAL}
         return {name: to_array(column, name in reals) for name, column in zip(names, values, strict=True)}
+
+
+@cache
+def _warm() -> None:
+    """Compile the kernels before a lock is held: the first time takes some seconds."""
+    page, none = np.frombuffer(bytes(PAGE), np.uint8), np.empty(0, np.int64)
+    find_leaves(page, 1, none, none)
+    read_records(page, none, none, none, none, np.empty((0, 0), np.int64), np.empty((0, 0)), none)
+    read_pairs(page, 1, none, none)
 
 
 def _limits(runs: Runs) -> tuple[NDArray[np.int64], NDArray[np.int64]]:

@@ -12,7 +12,7 @@ from vpfx.errors import NotFoundError, StoreFormatError
 from vpfx.model import Extent
 
 if TYPE_CHECKING:
-    from vpfx.store.store import Store
+    from vpfx.store.reader import StoreReader
 
 __all__ = ["Mesh", "descend", "faces_near", "mesh_of"]
 
@@ -61,7 +61,7 @@ class Mesh(NamedTuple):
         )
 
 
-def mesh_of(store: Store, faces: Rows) -> Mesh:
+def mesh_of(store: StoreReader, faces: Rows) -> Mesh:
     """Read the nodes of faces.
 
     Raises
@@ -90,12 +90,12 @@ def _touches_box(box: Extent, slack: float) -> Test:
     return touches
 
 
-def faces_near(store: Store, level: int, places: Floats, away: float = 0.0) -> Mesh:
+def faces_near(store: StoreReader, level: int, places: Floats, away: float = 0.0) -> Mesh:
     """Find faces of a level among which are all that places lie in or on.
 
     Parameters
     ----------
-    store : Store
+    store : StoreReader
     level : int
     places : float64 (n, 2), n at least 1
     away : float
@@ -112,17 +112,17 @@ def faces_near(store: Store, level: int, places: Floats, away: float = 0.0) -> M
     return descend(store, level, Extent(*low, *high), touches if len(places) <= MOST_PLACES else None)
 
 
-def _slack(store: Store) -> float:
+def _slack(store: StoreReader) -> float:
     """How far a face may lie outside its ancestors, CRS units."""
     return SLACK * float(np.spacing(max(map(abs, store.extent))))
 
 
-def descend(store: Store, level: int, box: Extent, test: Test | None = None) -> Mesh:
+def descend(store: StoreReader, level: int, box: Extent, test: Test | None = None) -> Mesh:
     """Find the faces of a level whose bounding boxes touch a rectangle, and that pass a test.
 
     Parameters
     ----------
-    store : Store
+    store : StoreReader
     level : int
     box : Extent
     test : callable, optional

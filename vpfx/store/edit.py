@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vpfx.errors import InputError, NotFoundError, StoreError, StoreFormatError
+from vpfx.store.arrays import SWEEP, runs_of
 from vpfx.store.classes import (
     KINDS,
     MOST_COLUMNS,
@@ -308,18 +309,23 @@ class Editor:
         NotFoundError
             No such class.
         """
-        query = f"DELETE FROM face_feature WHERE face_id = ? AND class_id = {self._class(name).class_id}"
-        self.connection.executemany(query, ((face,) for face in _whole(face_ids, "faces").tolist()))
+        runs = runs_of(np.unique(_whole(face_ids, "faces")))
+        query = f"DELETE FROM face_feature WHERE face_id BETWEEN ? AND ? AND class_id = {self._class(name).class_id}"
+        self.connection.executemany(query, runs)
 
     def _class(self, name: str) -> FeatureClass:
         return find_class(self.classes, name, self.path)
 
     def _check_ids(self, table: str, ids: Ids, further: str) -> None:
-        """Refuse ids, each once, that have no row."""
-        query = f"SELECT 1 FROM {table} WHERE {table}_id = ?{further}"
-        for number in ids.tolist():
-            if not self.connection.execute(query, (number,)).fetchone():
-                raise NotFoundError(f"{self.path}: found no {table} {number}{' of the class' if further else ''}")
+        """Refuse ids, ascending and each once, that have no row."""
+        key = f"{table}_id"
+        query = f"SELECT {key} FROM {table} WHERE {key} BETWEEN ? AND ?{further} ORDER BY {key}"
+        for low, high in runs_of(ids, SWEEP):
+            known = np.array([row[0] for row in self.connection.execute(query, (low, high))], np.int64)
+            first, end = np.searchsorted(ids, (low, high + 1))
+            missing = np.setdiff1d(ids[first:end], known)
+            if len(missing):
+                raise NotFoundError(f"{self.path}: found no {table} {missing[0]}{' of the class' if further else ''}")
 
 
 def _whole(ids: Any, what: str) -> Ids:

@@ -6,11 +6,12 @@ A store from a stranger is read safely: read-only, with untrusted schema, and on
 from __future__ import annotations
 
 import sqlite3
-from collections.abc import Callable, Hashable, Sequence
+from collections.abc import Callable, Hashable, Iterator, Sequence
+from contextlib import contextmanager
 from functools import cached_property
 from pathlib import Path
 from types import TracebackType
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,12 +25,12 @@ from vpfx.store.descent import descend, mesh_of
 from vpfx.store.digest import REALS
 from vpfx.store.recent import Recent
 
-__all__ = ["Store", "open_store"]
+__all__ = ["StoreReader", "open_reader"]
 
 _RANGED = ("node", "edge", "face")
 
 
-def open_store(path: str | Path) -> Store:
+def open_reader(path: str | Path) -> StoreReader:
     """Open a store for reading.
 
     Parameters
@@ -39,7 +40,7 @@ def open_store(path: str | Path) -> Store:
 
     Returns
     -------
-    Store
+    StoreReader
         Use it in a ``with`` statement.
 
     Raises
@@ -51,15 +52,15 @@ def open_store(path: str | Path) -> Store:
 
     Examples
     --------
-    >>> open_store("README.md")
+    >>> open_reader("README.md")
     Traceback (most recent call last):
     vpfx.errors.StoreFormatError: README.md: found no SQLite database, expected a store made by vpfx build
     """
-    return Store(Path(path))
+    return StoreReader(Path(path))
 
 
-class Store:
-    """A store open for reading; made by `open_store`.
+class StoreReader:
+    """A store open for reading; made by `open_reader`.
 
     Attributes
     ----------
@@ -111,7 +112,7 @@ class Store:
         """Close the file."""
         self._connection.close()
 
-    def __enter__(self) -> Store:
+    def __enter__(self) -> Self:
         return self
 
     def __exit__(
@@ -120,7 +121,7 @@ class Store:
         self.close()
 
     def __repr__(self) -> str:
-        return f"<Store {self.path} with {len(self.levels)} levels>"
+        return f"<{type(self).__name__} {self.path} with {len(self.levels)} levels>"
 
     @cached_property
     def is_nested(self) -> bool:
@@ -293,6 +294,22 @@ class Store:
         query = "SELECT first_face, last_face FROM tile_level WHERE tile_id = ? AND level = ?"
         first, last = self._connection.execute(query, (tile_id, level)).fetchone()
         return self._reader.rows("face", [] if first is None else [(first, last)])
+
+    @contextmanager
+    def snapshot(self) -> Iterator[None]:
+        """Surround questions that are to see one state of the file, whatever others write meanwhile.
+
+        Raises
+        ------
+        StoreError
+            Somebody is writing.
+
+        Notes
+        -----
+        A writer in another process or with `vpfx.store.edit` waits with the end of its transaction until this one is over.
+        """
+        with self._reader.held():
+            yield
 
     def keep(self, key: Hashable, make: Callable[[], tuple[Any, ...]]) -> tuple[Any, ...]:
         """Return what was made under a key, or make it; what was used last is kept until somebody changes the file.
