@@ -124,6 +124,8 @@ def test_the_command_answers_in_the_order_asked(store, capsys, monkeypatch, tmp_
     assert [math.nan if point["z"] is None else point["z"] for point in document["points"]] == pytest.approx(
         expected.z.tolist(), nan_ok=True
     )
+    for point, normal in zip(document["points"], expected.normal.tolist(), strict=True):
+        assert point["normal"] == (None if point["face"] is None else normal)
     code, out, _ = run(capsys, monkeypatch, store.path, "--points", "-", stdin=f"{x1 + 1} {y0}\n\n")
     assert (code, out.split()[2:]) == (0, ["–"] * 4)
 

@@ -327,7 +327,7 @@ def test_output_goes_to_a_file(extents, tmp_path, monkeypatch, capsys):
     )
     assert call("SELECT 1", "-o", "a.csv", "--overwrite")[0] == 0
     code, _, err = call("SELECT 1", "-o", "a.gpkg", "--overwrite")
-    assert (code, "the store itself" in err) == (2, True)
+    assert (code, "a file that is read" in err) == (2, True)
     code, _, err = call("SELECT 1", "--format", "xml")
     assert (code, err) == (2, "vpfx: --format: found 'xml', expected one of: table, csv, json, arrow\n")
     code, out, err = call("DELETE FROM face_feature WHERE face_id = -1", "--write")

@@ -11,7 +11,7 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
-from vpfx.attach.common import Attached, check_if_there, level_of, write_features
+from vpfx.attach.common import Attached, check_if_there, write_features
 from vpfx.errors import InputError
 from vpfx.features import read_areas
 from vpfx.store.classes import Column, check_name
@@ -77,7 +77,7 @@ def attach_areas(
     check_name(class_name, "class")
     named = dict(_named(text) for text in columns or ())
     with open_reader(path) as store:
-        number = level_of(store, level)
+        number = store.level_or_finest(level)
         areas = read_areas(source, store.crs, store.extent, layer=layer, columns=list(named.values()) or None)
         faces = _on_faces(store, number, areas.polygons, by)
     fields = named or {re.sub(r"\W", "_", field.lower(), flags=re.ASCII): field for field in areas.fields}

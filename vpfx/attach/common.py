@@ -12,9 +12,8 @@ from numpy.typing import NDArray
 from vpfx.errors import InputError, UnknownNameError
 from vpfx.store.classes import Column
 from vpfx.store.edit import edit_store
-from vpfx.store.reader import StoreReader
 
-__all__ = ["IF_THERE", "Attached", "check_if_there", "kind_of", "level_of", "write_features"]
+__all__ = ["IF_THERE", "Attached", "check_if_there", "kind_of", "write_features"]
 
 IF_THERE = ("refuse", "append", "replace")
 """What to do if the class is there: refuse; add features, and put them on faces in the place of what these had; or drop it."""
@@ -42,21 +41,6 @@ def check_if_there(choice: str) -> None:
     """
     if choice not in IF_THERE:
         raise UnknownNameError(f"if_there: found {choice!r}, expected one of: {', '.join(IF_THERE)}")
-
-
-def level_of(store: StoreReader, level: int | None) -> int:
-    """Return the level to attach to: the finest if none is asked for.
-
-    Its faces are the smallest, so they follow what is attached best; all coarser ones get their shares from there.
-
-    Raises
-    ------
-    NotFoundError
-        There is no such level.
-    """
-    number = len(store.levels) - 1 if level is None else level
-    store.check_level(number)
-    return number
 
 
 def kind_of(values: NDArray[Any]) -> str:

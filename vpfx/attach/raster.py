@@ -14,7 +14,7 @@ from rasterio.errors import RasterioError
 from rasterio.vrt import WarpedVRT
 from rasterio.windows import Window
 
-from vpfx.attach.common import Attached, check_if_there, level_of, write_features
+from vpfx.attach.common import Attached, check_if_there, write_features
 from vpfx.dem.paths import gdal, gdal_name
 from vpfx.errors import DemFormatError, InputError
 from vpfx.query.attributes import added_up
@@ -69,7 +69,7 @@ def attach_raster(
     check_name(class_name, "class")
     check_name(column, "column")
     with open_reader(path) as store, gdal():
-        number = level_of(store, level)
+        number = store.level_or_finest(level)
         try:
             with rasterio.open(gdal_name(os.fspath(source))) as raster:
                 _check_raster(str(source), raster, band, store)

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from vpfx.attach.common import Attached, check_if_there, kind_of, level_of, write_features
+from vpfx.attach.common import Attached, check_if_there, kind_of, write_features
 from vpfx.errors import InputError
 from vpfx.model import Tin
 from vpfx.query.sql import answer_sql
@@ -54,7 +54,7 @@ def attach_function(
     check_if_there(if_there)
     check_name(class_name, "class")
     with open_reader(path) as store:
-        tin = store.tin(level_of(store, level))
+        tin = store.tin(store.level_or_finest(level))
     values = np.asarray(function(tin))
     if values.shape != (tin.n_face,):
         raise InputError(

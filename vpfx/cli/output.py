@@ -14,7 +14,7 @@ import click
 from vpfx.cli.common import numbers
 from vpfx.errors import InputError, NotFoundError, StoreError
 
-__all__ = ["area_flags", "check_output", "give", "level_flag", "level_of", "read_bbox", "read_polygon"]
+__all__ = ["area_flags", "check_output", "give", "level_flag", "read_bbox", "read_polygon", "write_file"]
 
 WKT = re.compile(r"\s*(?:SRID=\d+;)?\s*[A-Z]+(?:\s+(?:Z|M|ZM))?\s*(?:\(|EMPTY)", re.IGNORECASE)
 
@@ -36,19 +36,6 @@ def area_flags(bbox: str | None = None) -> Callable[[Any], Any]:
         return command
 
     return add
-
-
-def level_of(store: Any, level: int | None) -> int:
-    """Return the level asked, the finest by default.
-
-    Raises
-    ------
-    NotFoundError
-        There is no such level.
-    """
-    number = len(store.levels) - 1 if level is None else level
-    store.check_level(number)
-    return number
 
 
 def read_bbox(text: str | None) -> tuple[float, ...] | None:
@@ -110,17 +97,28 @@ def check_output(output: Path | None, overwrite: bool, *read: str | Path | None)
 
 
 def give(answer: Any, output: Path | None, told: str = "") -> None:
-    """Print an answer, a text or a document of JSON; or write it beside its file, rename it, and print what it is."""
+    """Print an answer, a text or a document of JSON; or write it to its file, and print what it is."""
     text = answer if isinstance(answer, str) else json.dumps(answer, ensure_ascii=False, allow_nan=False)
     if output is None:
         print(text)
         return
+    write_file(output, f"{text}\n".encode())
+    print(f"{output}: {output.stat().st_size:,} bytes, {told}")
+
+
+def write_file(output: Path, content: bytes) -> None:
+    """Write a file beside its place, and give it its name when it is whole.
+
+    Raises
+    ------
+    StoreError
+        The medium refuses.
+    """
     under_way = output.with_name(f".{output.name}.{os.getpid()}.tmp")
     try:
-        under_way.write_text(f"{text}\n", encoding="utf-8")
+        under_way.write_bytes(content)
         under_way.replace(output)
     except OSError as error:
         raise StoreError(f"{output}: cannot be written: {error.strerror}") from error
     finally:
         under_way.unlink(missing_ok=True)
-    print(f"{output}: {output.stat().st_size:,} bytes, {told}")

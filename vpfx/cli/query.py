@@ -31,7 +31,7 @@ def query() -> None:
 def at(store: Path, level: int | None, points: str, as_json: bool) -> None:
     """Tell face, height, slope and aspect at places.
 
-    Prints x, y, z, face, slope and aspect, a line each place; a dash where there is no face.
+    Prints x, y, z, face, slope and aspect, a line each place; a dash where there is no face. --json adds the normal.
 
     Example: vpfx query at n36.gpkg --level 1 --points places.txt
     """
@@ -40,7 +40,7 @@ def at(store: Path, level: int | None, points: str, as_json: bool) -> None:
 
     places = _read_places(points)
     with open_reader(store) as opened:
-        number = len(opened.levels) - 1 if level is None else level
+        number = opened.level_or_finest(level)
         found = locate(opened, places, number)
     rows = zip(
         places, found.z.tolist(), found.face_ids.tolist(), found.slope.tolist(), found.aspect.tolist(), strict=True
@@ -51,7 +51,10 @@ def at(store: Path, level: int | None, points: str, as_json: bool) -> None:
     ]
     if as_json:
         names = ("x", "y", "z", "face", "slope", "aspect")
-        document = {"level": number, "points": [dict(zip(names, row, strict=True)) for row in told]}
+        points_told = [dict(zip(names, row, strict=True)) for row in told]
+        for point, normal in zip(points_told, found.normal.tolist(), strict=True):
+            point["normal"] = None if point["face"] is None else normal
+        document = {"level": number, "points": points_told}
         print(json.dumps(document, indent=2, ensure_ascii=False))
         return
     for row in told:
@@ -77,7 +80,7 @@ def profile(store: Path, level: int | None, line: str, as_json: bool) -> None:
     if len(given) < 4 or len(given) % 2:
         raise InputError(f"--line: found {len(given)} numbers, expected x and y of two places or more")
     with open_reader(store) as opened:
-        number = len(opened.levels) - 1 if level is None else level
+        number = opened.level_or_finest(level)
         found = follow(opened, list(zip(given[::2], given[1::2], strict=True)), number)
     heights = zip(found.start[:, 2].tolist(), found.end[:, 2].tolist(), strict=True)
     rows = zip(found.face_ids.tolist(), found.distance.tolist(), heights, strict=True)
@@ -108,7 +111,7 @@ def nearest(store: Path, level: int | None, points: str, as_json: bool) -> None:
 
     places = _read_places(points)
     with open_reader(store) as opened:
-        number = len(opened.levels) - 1 if level is None else level
+        number = opened.level_or_finest(level)
         found = nearest_nodes(opened, places, number)
     told = [
         (None if node < 0 else node, *map(_or_none, (distance, *place)))

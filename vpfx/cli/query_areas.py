@@ -8,7 +8,7 @@ from typing import Any
 import click
 
 from vpfx.cli.common import numbers, print_table
-from vpfx.cli.output import area_flags, check_output, give, level_flag, level_of, read_bbox, read_polygon
+from vpfx.cli.output import area_flags, check_output, give, level_flag, read_bbox, read_polygon
 from vpfx.cli.query import query
 from vpfx.errors import InputError
 
@@ -41,7 +41,7 @@ def region(
         raise InputError(f"--format: found {form!r}, expected one of: {', '.join(FORMS)}")
     check_output(output, overwrite, store, polygon)
     with open_reader(store) as opened:
-        number, area = level_of(opened, level), read_polygon(opened, polygon, polygon_layer)
+        number, area = opened.level_or_finest(level), read_polygon(opened, polygon, polygon_layer)
         tin = asking.region(opened, number, bbox=read_bbox(bbox), polygon=area, tile_id=tile)
         ids: Any = tin.face_attributes.get("face_id", [])
         rows = asking.rows_as_dicts(opened.fetch("face", ids)) if form != "geojson" else []
@@ -83,7 +83,7 @@ def height_range(
     from vpfx.store.reader import open_reader
 
     with open_reader(store) as opened:
-        number, area = level_of(opened, level), read_polygon(opened, polygon, polygon_layer)
+        number, area = opened.level_or_finest(level), read_polygon(opened, polygon, polygon_layer)
         found = elevation_range(opened, number, bbox=read_bbox(bbox), polygon=area)
     places = {name: plain(place.tolist()) for name, place in found._asdict().items()}
     if as_json:
@@ -118,7 +118,7 @@ def contours(
     check_output(output, overwrite, store)
     box = read_bbox(bbox)
     with open_reader(store) as opened:
-        number = level_of(opened, level)
+        number = opened.level_or_finest(level)
         if heights is not None:
             wanted: Any = numbers(heights, "heights", float)
         else:
@@ -149,7 +149,7 @@ def volume(
 
     given: Any = None if plane is None else numbers(plane, "plane", float)
     with open_reader(store) as opened:
-        number, area = level_of(opened, level), read_polygon(opened, polygon, polygon_layer)
+        number, area = opened.level_or_finest(level), read_polygon(opened, polygon, polygon_layer)
         given = given[0] if given is not None and len(given) == 1 else given
         found = measure(opened, number, area, plane=given, other_level=other_level)
     if as_json:

@@ -8,7 +8,7 @@ from pathlib import Path
 import click
 
 from vpfx.cli.common import numbers
-from vpfx.cli.output import check_output, give, level_flag, level_of, read_bbox
+from vpfx.cli.output import check_output, give, level_flag, read_bbox
 from vpfx.cli.query import query
 from vpfx.errors import InputError
 
@@ -43,7 +43,7 @@ def sight(
         if len(given) != 3:
             raise InputError(f"sight: found {text!r}, expected x, y and a height")
     with open_reader(store) as opened:
-        number = level_of(opened, level)
+        number = opened.level_or_finest(level)
         found = line_of_sight(opened, number, place, targets, is_absolute=absolute, curvature=curvature)
     rows = list(zip(found.is_visible.tolist(), found.blocked_at.tolist(), strict=True))
     if as_json:
@@ -85,7 +85,7 @@ def viewshed(
     check_output(output, overwrite, store)
     options = {"observer_height": place[2], "target_height": target_height, "reach": reach, "curvature": curvature}
     with open_reader(store) as opened:
-        number = level_of(opened, level)
+        number = opened.level_or_finest(level)
         found = asking.viewshed(opened, number, place[:2], bbox=read_bbox(bbox), **options)
         seen = found.face_ids[found.is_visible].tolist()
         hidden = found.face_ids[~found.is_visible].tolist()

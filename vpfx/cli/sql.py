@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import os
 import sys
 from pathlib import Path
 
 import click
 
 from vpfx.cli.common import app
+from vpfx.cli.output import check_output, write_file
 from vpfx.errors import InputError
 
 __all__ = ["sql"]
@@ -31,25 +31,16 @@ def sql(store: Path, question: str, form: str, output: Path | None, overwrite: b
     Example: vpfx sql n36.gpkg "SELECT level, face_count FROM level"
     """
     from vpfx.query.sql import FORMATS, answer_sql
-    from vpfx.store.writer import check_target
 
     if form not in FORMATS:
         raise InputError(f"--format: found {form!r}, expected one of: {', '.join(FORMATS)}")
-    if output is not None:
-        if output.exists() and store.exists() and output.samefile(store):
-            raise InputError(f"--output: found {output}, the store itself; give another name")
-        check_target(output, overwrite)
+    check_output(output, overwrite, store)
     answer = answer_sql(store, sys.stdin.read() if question == "-" else question, write=write)
     text = FORMATS[form](answer)
     if output is None:
         sys.stdout.flush()
         sys.stdout.buffer.write(text) if form == "arrow" else sys.stdout.write(text.decode("utf-8", "replace"))
     else:
-        beside = output.with_name(f".{output.name}.{os.getpid()}.tmp")
-        try:
-            beside.write_bytes(text)
-            os.replace(beside, output)
-        finally:
-            beside.unlink(missing_ok=True)
+        write_file(output, text)
     if write:
         print(f"{store}: {answer.n_changed} rows changed", file=sys.stderr)

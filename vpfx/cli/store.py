@@ -79,7 +79,7 @@ def plot(
     from vpfx.store.reader import open_reader
 
     with open_reader(store) as opened:
-        number = len(opened.levels) - 1 if level is None else level
+        number = opened.level_or_finest(level)
         tin = opened.tin(number, None if bbox is None else numbers(bbox, "bbox", float))
         line, metres = opened.levels[number], unit_metres(opened.crs, opened.extent)
     values = plotting.find_values(tin, style, dem, attribute)

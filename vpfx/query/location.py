@@ -14,7 +14,7 @@ from vpfx.store.descent import MOST_OF_TILES, MOST_PLACES, Mesh, faces_near, mes
 from vpfx.store.reader import StoreReader
 from vpfx.topology import NONE
 
-__all__ = ["Located", "bin_of", "bins_of", "find_faces", "locate"]
+__all__ = ["Located", "bin_of", "bins_of", "checked_places", "find_faces", "locate"]
 
 Floats = NDArray[np.float64]
 
@@ -66,10 +66,7 @@ def locate(store: StoreReader, places: Any, level: int) -> Located:
     (`vpfx.store.descent`), else the tile. Cost: O(faces there + places).
     """
     store.check_level(level)
-    xy = np.asarray(places, np.float64)
-    xy = xy.reshape(-1, 2) if xy.size == 0 else xy
-    if xy.ndim != 2 or xy.shape[1] != 2 or not np.isfinite(xy).all():
-        raise InputError(f"places: found an array of shape {xy.shape}, expected (n, 2) finite numbers")
+    xy = checked_places(places)
     face_ids, z = np.full(len(xy), NONE, np.int64), np.full(len(xy), np.nan)
     tiles = store.tiles()
     for tile_of_place in _tiles_at(store, tiles, xy):
@@ -85,6 +82,24 @@ def locate(store: StoreReader, places: Any, level: int) -> Located:
             face_ids[some[is_found]] = ids[found[is_found]]
             z[some[is_found]] = heights_on_faces(nodes, face_nodes, found[is_found], xy[some[is_found]])
     return _described(store, face_ids, z)
+
+
+def checked_places(places: Any) -> Floats:
+    """Return places as an array, (n, 2).
+
+    Raises
+    ------
+    InputError
+        They are none.
+    """
+    try:
+        xy = np.asarray(places, np.float64)
+    except (TypeError, ValueError):
+        raise InputError(f"places: found {str(places)[:40]}, expected (n, 2) finite numbers") from None
+    xy = xy.reshape(-1, 2) if xy.size == 0 else xy
+    if xy.ndim != 2 or xy.shape[1] != 2 or not np.isfinite(xy).all():
+        raise InputError(f"places: found an array of shape {xy.shape}, expected (n, 2) finite numbers")
+    return xy
 
 
 def _tiles_at(store: StoreReader, tiles: dict[str, NDArray[Any]], xy: Floats) -> list[NDArray[np.int64]]:

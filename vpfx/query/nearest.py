@@ -8,7 +8,7 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
-from vpfx.errors import InputError
+from vpfx.query.location import checked_places
 from vpfx.store.reader import StoreReader
 from vpfx.topology import NONE
 
@@ -58,10 +58,7 @@ def nearest_nodes(store: StoreReader, places: Any, level: int) -> Nearest:
     the one found. Cost: O(places × tiles), and the faces of the tiles asked.
     """
     store.check_level(level)
-    xy = np.asarray(places, np.float64)
-    xy = xy.reshape(-1, 2) if xy.size == 0 else xy
-    if xy.ndim != 2 or xy.shape[1] != 2 or not np.isfinite(xy).all():
-        raise InputError(f"places: found an array of shape {xy.shape}, expected (n, 2) finite numbers")
+    xy = checked_places(places)
     found = Nearest(np.full(len(xy), NONE, np.int64), np.full(len(xy), np.inf), np.full((len(xy), 3), np.nan))
     tiles = store.tiles()
     first, least = np.zeros(len(xy), np.int64), np.full(len(xy), np.inf)

@@ -31,31 +31,7 @@ _RANGED = ("node", "edge", "face")
 
 
 def open_reader(path: str | Path) -> StoreReader:
-    """Open a store for reading.
-
-    Parameters
-    ----------
-    path : path
-        A file made by `vpfx.build`.
-
-    Returns
-    -------
-    StoreReader
-        Use it in a ``with`` statement.
-
-    Raises
-    ------
-    NotFoundError
-        There is no such file.
-    StoreFormatError
-        The file is not a store of vpfx, or its tables are not those of the format.
-
-    Examples
-    --------
-    >>> open_reader("README.md")
-    Traceback (most recent call last):
-    vpfx.errors.StoreFormatError: README.md: found no SQLite database, expected a store made by vpfx build
-    """
+    """Open a store for reading as `vpfx.open_store` does, without the questions as methods."""
     return StoreReader(Path(path))
 
 
@@ -339,6 +315,18 @@ class StoreReader:
             Ascending.
         """
         return self._reader.links(own, runs_of(ids))
+
+    def level_or_finest(self, level: int | None) -> int:
+        """Return a level, the finest if none is given.
+
+        Raises
+        ------
+        NotFoundError
+            There is no such level.
+        """
+        number = len(self.levels) - 1 if level is None else level
+        self.check_level(number)
+        return number
 
     def check_level(self, level: int) -> None:
         """Refuse a level that is not there.
