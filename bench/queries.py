@@ -73,6 +73,12 @@ def select(path: Path, query: str, values: tuple[Any, ...]) -> list[Any]:
         return connection.execute(query, values).fetchall()
 
 
+def read_rows(path: Path, low: int, high: int) -> list[np.ndarray]:
+    """Read rows of faces as sqlite3 gives them, and make arrays of them."""
+    rows = select(path, "SELECT * FROM face WHERE face_id BETWEEN ? AND ?", (low, high))
+    return [np.array([-1 if value is None else value for value in column]) for column in zip(*rows, strict=True)]
+
+
 def read_by_fiona(path: Path, level: int, box: tuple[float, ...]) -> list[Any]:
     """Read the faces of a window as a GIS does."""
     with fiona.open(path, layer=f"face_{level}") as faces:
@@ -118,7 +124,12 @@ def questions(store: Any, path: Path) -> list[Question]:
     wanted = min(CUT_FACES, store.levels[-1].faces // 2)
     eye, screen_error = eye_of_cut(store, wanted)
     n_cut = cut(store, eye, screen_error=screen_error).n_face
+    tile = int(store.tiles((*middle, *middle))["tile_id"][0])
+    rows = store.tile_faces(level, tile)["face_id"]
     return [
+        Question(f"{len(rows):,} rows of a tile as arrays", lambda s: s.tile_faces(level, tile), {
+            "sqlite3, numpy": lambda: read_rows(path, int(rows[0]), int(rows[-1])),
+        }),
         Question(f"heights at {N_PLACE:,} places on {len(faces):,} faces", lambda s: locate(s, places, level), {
             "matplotlib": lambda: LinearTriInterpolator(
                 Triangulation(tin.nodes[:, 0], tin.nodes[:, 1], tin.face_nodes), tin.nodes[:, 2])(*places.T),

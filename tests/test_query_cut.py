@@ -284,6 +284,24 @@ def test_cuts_for_a_focus(world):
     assert coarse.n_face == world.tins[0].n_face
 
 
+def test_each_face_as_a_focus(world):
+    """A focus that just touches nodes and edges: rounding must not let a face be nearer than its parent."""
+    rng = np.random.default_rng(7)
+    for level in range(1, len(world.tins)):
+        faces = world.tins[level].face_attributes["face_id"].tolist()
+        for face in rng.permutation(faces)[:12].tolist():
+            focus = shapely.Polygon(world.corners[face][:, :2])
+            judge(world, cut(world.store, error=0.0, focus=focus))
+
+
+def test_eyes_far_away(world):
+    x0, y0 = world.store.extent[:2]
+    for eye in ((1e25, y0, 0.0), (x0, y0, 1e308), (-1e300, 1e300, -1e300)):
+        assert cut(world.store, eye).n_face == world.tins[0].n_face
+    near = cut(world.store, (x0, y0, 0.0), screen_error=1e-320, fov=1e-320)
+    assert (near.face_attributes["level"] == len(world.tins) - 1).all()
+
+
 def test_whole_levels_are_as_stored(world):
     """Near enough and far enough a cut is a level, node by node."""
     x0, y0, x1, y1 = world.store.extent
@@ -388,9 +406,9 @@ def test_reads_what_it_returns(tmp_path, monkeypatch):
         ({"eye": (0, 0, 0), "error": 3.0}, "expected one of the two"),
         ({"eye": (0, 0)}, "eye: found .*expected x, y and z"),
         ({"eye": (0, 0, math.nan)}, "eye: found"),
-        ({"eye": (0, 0, 0), "screen_error": 0.0}, "screen error above 0"),
+        ({"eye": (0, 0, 0), "screen_error": 0.0}, "screen error and a height above 0"),
         ({"eye": (0, 0, 0), "fov": 180.0}, "field of view"),
-        ({"eye": (0, 0, 0), "screen_height": 0}, "height of 1"),
+        ({"eye": (0, 0, 0), "screen_height": 0}, "a height above 0"),
         ({"eye": (0, 0, 0), "morph": -0.1}, "morph: found -0.1"),
         ({"error": -1.0}, "error of -1.0 m"),
         ({"error": math.nan}, "error of nan m"),
@@ -398,6 +416,14 @@ def test_reads_what_it_returns(tmp_path, monkeypatch):
         ({"error": 1.0, "focus": shapely.Point(0, 0)}, "focus: found POINT"),
         ({"error": 1.0, "focus": shapely.Polygon([(0, 0), (1, 1), (1, 0), (0, 1)])}, "focus: found POLYGON"),
         ({"error": 1.0, "bbox": (1, 0, 0, 1)}, "bbox: found"),
+        ({"error": 1.0, "bbox": "abcd"}, "bbox: found"),
+        ({"error": 1.0, "bbox": 5}, "bbox: found"),
+        ({"error": "a"}, "error of a m"),
+        ({"eye": "abc"}, "eye: found abc"),
+        ({"eye": (0, 0, 0), "morph": "a"}, "morph: found a"),
+        ({"eye": (0, 0, 0), "screen_height": math.inf}, "found 2.0 pixels"),
+        ({"eye": (0, 0, 0), "focus": shapely.box(0, 0, 1, 1)}, "an eye and a focus"),
+        ({"eye": (0, 0, 0), "growth": 2.0}, "an eye and a focus or growth"),
     ],
 )
 def test_wrong_input_is_told(given, message, world):

@@ -65,6 +65,26 @@ def test_places_anywhere(store):
             assert (np.isnan(z) and height is None) or z == pytest.approx(height, abs=1e-6)
 
 
+def test_few_and_many_places_agree(store):
+    """On lines between tiles and beyond them by less than counts, one by one, some and all at once."""
+    tiles = store.tiles()
+    x0, y0, x1, y1 = store.extent
+    rng = np.random.default_rng(9)
+    near = np.array([-1e-9, -1e-12, 0.0, 1e-12, 1e-9])
+    lines = np.concatenate([tiles["xmin"], tiles["xmax"]])
+    across = np.stack([rng.choice(lines, 60) + rng.choice(near, 60), rng.uniform(y0, y1, 60)], axis=1)
+    lines = np.concatenate([tiles["ymin"], tiles["ymax"]])
+    along = np.stack([rng.uniform(x0, x1, 60), rng.choice(lines, 60) + rng.choice(near, 60)], axis=1)
+    places = np.concatenate([across, along, rng.uniform((x0, y0), (x1, y1), (60, 2))])
+    for level in range(len(store.levels)):
+        tin = store.tin(level)
+        every = locate(store, places, level)
+        assert every.face_ids.tolist() == [by_looking(tin, *place)[0] for place in places.tolist()]
+        for size in (1, 7, 32):
+            parts = [locate(store, places[k : k + size], level).face_ids for k in range(0, len(places), size)]
+            np.testing.assert_array_equal(np.concatenate(parts), every.face_ids)
+
+
 def test_slopes_and_normals(store):
     level = len(store.levels) - 1
     tin = store.tin(level)

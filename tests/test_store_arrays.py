@@ -209,6 +209,59 @@ def test_a_write_ahead_log_is_read_through_sql(tmp_path, stores):
                 reader.links("child_face", [(1, 2**62)])
 
 
+def test_a_log_that_has_grown_is_read(tmp_path, stores):
+    """As QGIS leaves it: pages that are not in the file yet; opened before, and after."""
+    path = tmp_path / "a.gpkg"
+    shutil.copy(stores[0], path)
+    with vpfx.open_store(path) as before, closing(sqlite3.connect(path)) as other:
+        faces = before.tin(0).n_face
+        other.execute("PRAGMA journal_mode = WAL")
+        other.execute("PRAGMA wal_autocheckpoint = 0")
+        with other:
+            other.execute("CREATE TABLE more AS SELECT * FROM face")
+            other.execute("UPDATE face SET slope_centidegrees = 9 WHERE face_id = 1")
+        with vpfx.open_store(path) as after:
+            for store in (before, after):
+                assert store.fetch("face", [1])["slope_centidegrees"].tolist() == [9]
+                assert store.tin(0).n_face == faces
+
+
+@pytest.mark.parametrize("size", [1024, 8192])
+def test_other_page_sizes_are_read(size, tmp_path, stores):
+    path = tmp_path / "a.gpkg"
+    shutil.copy(stores[1], path)
+    with closing(sqlite3.connect(path)) as other:
+        other.execute(f"PRAGMA page_size = {size}")
+        other.execute("VACUUM")
+    with vpfx.open_store(path) as store, vpfx.open_store(stores[1]) as expected:
+        np.testing.assert_array_equal(store.tin(1).nodes, expected.tin(1).nodes)
+
+
+@pytest.mark.parametrize("way", ["same size", "grown", "gone"])
+def test_a_file_that_is_replaced_stays_the_one_that_was_opened(way, tmp_path, stores):
+    path, new = tmp_path / "a.gpkg", tmp_path / "b.gpkg"
+    shutil.copy(stores[0], path), shutil.copy(stores[0], new)
+    with closing(sqlite3.connect(new)) as other, other:
+        other.execute("UPDATE face SET slope_centidegrees = 9")
+        if way == "grown":
+            other.execute("CREATE TABLE more AS SELECT * FROM face")
+    with vpfx.open_store(path) as store:
+        new.replace(path) if way != "gone" else path.unlink()
+        assert store.fetch("face", [1])["slope_centidegrees"][0] != 9
+        assert store.tin(0).face_attributes["slope"][0] != 0.09
+
+
+def test_ranges_of_strangers_are_checked(tmp_path, stores):
+    for change in ("DELETE FROM tile_level", "UPDATE tile_level SET first_face = 'x'", "UPDATE tile_level SET last_face = NULL",
+                   "UPDATE tile_level SET first_face = 1, last_face = 1000000"):  # fmt: skip
+        path = tmp_path / "a.gpkg"
+        shutil.copy(stores[0], path)
+        with closing(sqlite3.connect(path)) as other, other:
+            other.execute(change)
+        with vpfx.open_store(path) as store, pytest.raises(StoreFormatError, match="tile_level: tile 1, level 1"):
+            store.tin(1)
+
+
 def test_a_locked_store_is_told(tmp_path, stores):
     path = tmp_path / "a.gpkg"
     shutil.copy(stores[0], path)

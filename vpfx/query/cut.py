@@ -8,6 +8,7 @@ are 0 wherever refined faces meet others, so there is no crack, and heights foll
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -19,7 +20,7 @@ from vpfx.errors import InputError, StoreFormatError
 from vpfx.model import Tin
 from vpfx.query.needs import Eye, Focus, Need, checked_errors, checked_eye, checked_focus, screen_share
 from vpfx.query.stitch import stitch
-from vpfx.query.vertical import children
+from vpfx.query.vertical import follow
 from vpfx.store.arrays import look_up
 from vpfx.store.reader import StoreReader
 from vpfx.topology import find_twins
@@ -82,6 +83,8 @@ class _Faces(NamedTuple):
     nodes : int32 (n, 3)
         Indices into `_Nodes`.
     is_filled : bool (n,)
+    tolerance : float64 (n,)
+        Vertical error allowed, at least that of the parent, metres.
     max_error : float64 (n,)
         No post in the face is off by more, with the heights of the cut, metres.
     """
@@ -90,6 +93,7 @@ class _Faces(NamedTuple):
     tile_ids: Ids
     nodes: NDArray[np.int32]
     is_filled: NDArray[np.bool_]
+    tolerance: Floats
     max_error: Floats
 
     def part(self, which: Any) -> _Faces:
@@ -98,19 +102,27 @@ class _Faces(NamedTuple):
 
 
 class _Ladder(NamedTuple):
-    """Errors that decide from which distance on a level will do, metres: one a step to the next level.
+    """Errors that decide where a level will do (Q-320), metres.
 
     Attributes
     ----------
     error : float64 (n_level,)
         No post of a level is off by more.
     floor, most : float64 (n_level - 1,)
-        Least and greatest error of faces of a level while nodes of the next are on their way (Q-320).
+        Of each step to the next level: least and greatest error of faces while new nodes are on their way.
+    morph : float
+        Part of an error over which they are.
     """
 
     error: Floats
     floor: Floats
     most: Floats
+    morph: float
+
+    def need(self, step: int, rise: Floats) -> Floats:
+        """Error above which faces need no refinement, by the greatest rise of their new nodes."""
+        mixed = (self.error[step] + self.error[step + 1] + rise) / 2.0
+        return np.minimum(np.maximum(mixed, self.floor[step]), self.most[step])
 
 
 def cut(
@@ -156,34 +168,41 @@ def cut(
 
     Notes
     -----
-    ``max_error`` is at most the tolerance, or what the last level has. Reads level 0, and of the other levels the faces it
-    returns and those beside them. Cost: O(faces returned).
+    ``max_error`` is at most the tolerance, or what the last level has. Reads level 0, and of the other levels faces that may be
+    needed by the greatest rise of the level: one to five for each face returned. Cost: O(faces returned + level 0).
 
     Examples
     --------
     ``cut(store, (500_000, 4_000_000, 900.0), screen_error=1.5)``; ``cut(store, error=5.0, focus=shapely.box(*bbox))``
     """
-    _check_nested(store)
-    if not 0.0 <= morph <= 1.0:
+    share = morph if isinstance(morph, int | float) else math.nan
+    if not 0.0 <= share <= 1.0:
         raise InputError(f"morph: found {morph}, expected a number from 0 to 1")
-    nodes = _Nodes(store)
-    faces = _first_level(store, nodes, bbox)
-    metres = unit_metres(store.crs, store.extent)
     if (eye is None) == (error is None):
         raise InputError("cut: found an eye and an error or neither of them, expected one of the two")
+    if eye is not None and (focus is not None or growth != math.inf):
+        raise InputError("cut: found an eye and a focus or growth, expected these with an error")
+    metres = unit_metres(store.crs, store.extent)
     need: Need
     if error is None:
-        need = Eye(checked_eye(eye), metres, _slab(store, nodes), screen_share(screen_error, fov, screen_height))
+        need = Eye(checked_eye(eye), metres, (math.nan, math.nan), screen_share(screen_error, fov, screen_height))
     else:
         area = shapely.box(*store.extent) if focus is None else focus
         need = Focus(checked_focus(area, metres), metres, *checked_errors(error, growth))
-    ladder = _ladder(store, morph)
+    _check_nested(store)
+    nodes = _Nodes(store)
+    faces = _first_level(store, nodes, bbox)
+    if isinstance(need, Eye):
+        need = replace(need, slab=_slab(store, nodes))
+    faces = faces._replace(tolerance=need.tolerance(nodes.xyz()[faces.nodes]))
+    is_sudden = error is not None and growth == math.inf
+    ladder = _ladder(store, share, is_sudden)
     found = []
     for level in range(len(store.levels) - 1):
-        is_refined, refined = _refine(store, nodes, faces, level, need, ladder, morph)
+        is_refined, refined = _refine(store, nodes, faces, level, need, ladder)
         found.append(faces.part(~is_refined))
         faces = refined
-    return _joined(store, nodes, [*found, faces], need)
+    return _joined(store, nodes, [*found, faces])
 
 
 def _check_nested(store: StoreReader) -> None:
@@ -201,16 +220,19 @@ def _first_level(store: StoreReader, nodes: _Nodes, bbox: Any) -> _Faces:
     parts = [store.tile_faces(0, tile_id) for tile_id in store.tiles(bbox)["tile_id"].tolist()]
     parts = parts or [store.fetch("face", [])]
     rows = {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
-    faces = _faces_of(rows, nodes, np.full(len(rows["face_id"]), store.levels[0].max_error))
+    faces = _faces_of(rows, nodes)
     nodes.height, nodes.weight = nodes.rows["z"].copy(), np.ones(len(nodes.ids))
-    return faces
+    return faces._replace(max_error=np.full(len(faces.ids), store.levels[0].max_error))
 
 
-def _faces_of(rows: dict[str, NDArray[Any]], nodes: _Nodes, max_error: Floats) -> _Faces:
-    """Faces of rows of the table `face`, whose nodes become known."""
+def _faces_of(rows: dict[str, NDArray[Any]], nodes: _Nodes) -> _Faces:
+    """Faces of rows of the table `face`, whose nodes become known; of errors nothing is known yet."""
     corners = np.stack([rows[f"node_{i}"] for i in (1, 2, 3)], axis=1)
     nodes.add(np.unique(corners))
-    return _Faces(rows["face_id"], rows["tile_id"], nodes.index(corners), rows["is_filled"].astype(bool), max_error)
+    nothing = np.zeros(len(corners))
+    return _Faces(
+        rows["face_id"], rows["tile_id"], nodes.index(corners), rows["is_filled"].astype(bool), nothing, nothing
+    )
 
 
 def _slab(store: StoreReader, nodes: _Nodes) -> tuple[float, float]:
@@ -220,19 +242,24 @@ def _slab(store: StoreReader, nodes: _Nodes) -> tuple[float, float]:
     return float(z.min(initial=np.inf)) - rise, float(z.max(initial=-np.inf)) + rise
 
 
-def _ladder(store: StoreReader, morph: float) -> _Ladder:
-    """Errors of the steps, last step first: no step begins before the one before is done."""
+def _ladder(store: StoreReader, morph: float, is_sudden: bool) -> _Ladder:
+    """Errors of the steps, last step first: no step begins before the one before is done.
+
+    Sudden tolerances have one value and no other but infinity, so no new node is ever on its way where it holds.
+    """
     error = np.array([line.max_error for line in store.levels])
     floor, most = np.zeros((2, len(error) - 1))
+    if is_sudden:
+        return _Ladder(error, error[:-1], error[:-1], 0.0)
     for step in reversed(range(len(error) - 1)):
         rise = store.levels[step + 1].max_rise or 0.0
         floor[step] = max(error[step], (1.0 + morph) * most[step + 1]) if step + 1 < len(floor) else error[step]
         most[step] = max(floor[step], (error[step] + error[step + 1] + rise) / 2.0)
-    return _Ladder(error, floor, most)
+    return _Ladder(error, floor, most, morph)
 
 
 def _refine(
-    store: StoreReader, nodes: _Nodes, faces: _Faces, level: int, need: Need, ladder: _Ladder, morph: float
+    store: StoreReader, nodes: _Nodes, faces: _Faces, level: int, need: Need, ladder: _Ladder
 ) -> tuple[NDArray[np.bool_], _Faces]:
     """Replace faces of a level by their children where that is needed.
 
@@ -245,24 +272,25 @@ def _refine(
     """
     twins = find_twins(faces.nodes, len(nodes.ids))
     beside = np.where(twins < 0, len(faces.ids), twins // 3).reshape(-1, 3)
-    near = need.distance(nodes.xyz()[faces.nodes])
+    near = faces.tolerance
     for _ in range(len(store.levels) - 2 - level):
         near = _spread(near, beside)
-    candidates = np.flatnonzero(_spread(near, beside) <= need.reach((1.0 + morph) * ladder.most[level : level + 1]))
-    links = children(store, faces.ids[candidates])
+    candidates = np.flatnonzero(_spread(near, beside) < (1.0 + ladder.morph) * ladder.most[level])
+    links, _ = follow(store, faces.ids[candidates], "down")
     parent = candidates[links.of]
     n_child = np.bincount(parent, minlength=len(faces.ids))
     if (n_child[candidates] == 0).any():
         raise StoreFormatError(str(store.path), f"level {level}", "found a face without children", "R-180")
     known = len(nodes.ids)
-    kids = _faces_of(store.fetch("face", links.face_ids), nodes, np.zeros(len(parent)))
-    _weigh(store, nodes, faces, kids.nodes, parent, known, level, near, need, ladder, morph)
+    kids = _faces_of(store.fetch("face", links.face_ids), nodes)
+    _weigh(store, nodes, kids.nodes, parent, known, level, near, ladder)
     is_wanted = (kids.nodes >= known) & (nodes.weight[kids.nodes] > 0.0)
     is_refined = np.zeros(len(faces.ids), bool)
     is_refined[parent] = n_child[parent] == 1
     np.logical_or.at(is_refined, parent, is_wanted.any(axis=1))
     bound = _bound(nodes, kids.nodes, level + 1, ladder.error, faces.max_error[parent])
-    return is_refined, kids._replace(max_error=bound).part(is_refined[parent])
+    tolerance = np.maximum(need.tolerance(nodes.xyz()[kids.nodes]), faces.tolerance[parent])
+    return is_refined, kids._replace(max_error=bound, tolerance=tolerance).part(is_refined[parent])
 
 
 def _spread(values: Floats, beside: Ids) -> Floats:
@@ -271,8 +299,8 @@ def _spread(values: Floats, beside: Ids) -> Floats:
 
 
 def _weigh(
-    store: StoreReader, nodes: _Nodes, faces: _Faces, kid_nodes: NDArray[np.int32], parent: Ids, known: int, level: int,
-    near: Floats, need: Need, ladder: _Ladder, morph: float,
+    store: StoreReader, nodes: _Nodes, kid_nodes: NDArray[np.int32], parent: Ids, known: int, level: int, near: Floats,
+    ladder: _Ladder,
 ) -> None:  # fmt: skip
     """Give weights and heights to nodes that are new at the next level."""
     rows = {name: nodes.rows[name][known:] for name in ("z", "z_parent", "level")}
@@ -282,20 +310,17 @@ def _weigh(
     rise = rows["z"] - rows["z_parent"]
     kid, corner = np.nonzero(kid_nodes >= known)
     node, owner = kid_nodes[kid, corner] - known, parent[kid]
-    rise_of_face = np.zeros(len(faces.ids))
+    rise_of_face = np.zeros(len(near))
     np.maximum.at(rise_of_face, owner, np.abs(rise[node]))
-    mixed = (ladder.error[level] + ladder.error[level + 1] + rise_of_face) / 2.0
-    allowed, distance = np.zeros(len(rise)), np.full(len(rise), np.inf)
-    np.maximum.at(allowed, node, np.maximum(mixed, ladder.floor[level])[owner])
-    np.minimum.at(distance, node, near[owner])
-    full, none = need.reach(allowed), need.reach((1.0 + morph) * allowed)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        weight = np.where(distance <= full, 1.0, np.clip((none - distance) / (none - full), 0.0, 1.0))
-    weight = np.where((distance > full) & (none <= full), 0.0, weight)
+    need, tolerance = np.zeros(len(rise)), np.full(len(rise), np.inf)
+    np.maximum.at(need, node, ladder.need(level, rise_of_face)[owner])
+    np.minimum.at(tolerance, node, near[owner])
+    weight = (tolerance < need).astype(np.float64)
+    fades = (tolerance >= need) & (tolerance < (1.0 + ladder.morph) * need)
+    weight[fades] = (1.0 + ladder.morph - tolerance[fades] / need[fades]) / ladder.morph
+    weight = np.clip(weight, 0.0, 1.0)
+    own = np.where(weight == 1.0, rows["z"], rows["z_parent"] + weight * rise)  # as stored, to the bit, at both ends
     nodes.weight = np.concatenate([nodes.weight, weight])
-    own = np.where(
-        weight == 1.0, rows["z"], rows["z_parent"] + weight * rise
-    )  # at both ends what is stored, to the bit
     nodes.height = np.concatenate([nodes.height, own])
 
 
@@ -312,17 +337,16 @@ def _bound(nodes: _Nodes, face_nodes: NDArray[np.int32], level: int, error: Floa
     return least
 
 
-def _joined(store: StoreReader, nodes: _Nodes, parts: list[_Faces], need: Need) -> Tin:
+def _joined(store: StoreReader, nodes: _Nodes, parts: list[_Faces]) -> Tin:
     """Put the faces of all levels together and cut those that have nodes of finer ones in their edges."""
     level = np.repeat(np.arange(len(parts)), [len(part.ids) for part in parts])
     faces = _Faces(*(np.concatenate(columns) for columns in zip(*parts, strict=True)))
-    tolerance = need.tolerance(need.distance(nodes.xyz()[faces.nodes]))
     used, index = np.unique(faces.nodes, return_inverse=True)
     xyz = nodes.xyz(nodes.height)[used]
     face_nodes, source = stitch(xyz, index.reshape(-1, 3).astype(np.int32))
     of_face = {
         "face_id": faces.ids, "tile_id": faces.tile_ids, "level": level, "is_filled": faces.is_filled,
-        "is_stitched": np.bincount(source) > 1, "max_error": faces.max_error, "tolerance": tolerance,
+        "is_stitched": np.bincount(source) > 1, "max_error": faces.max_error, "tolerance": faces.tolerance,
     }  # fmt: skip
     attributes = {name: values[source] for name, values in of_face.items()}
     known = {name: nodes.rows[name][used] for name in ("node_id", "level", "z", "z_parent")}

@@ -105,21 +105,31 @@ def checked_places(places: Any) -> Floats:
 def _tiles_at(store: StoreReader, tiles: dict[str, NDArray[Any]], xy: Floats) -> list[NDArray[np.int64]]:
     """Return the tiles that each place lies in or on, ascending: four numbers of tiles a place, -1 for none.
 
-    Places on the line between two tiles have both, at a corner all four.
+    Places on the line between two tiles, or nearly, have both, at a corner all four.
     """
     west, south = np.unique(tiles["xmin"]), np.unique(tiles["ymin"])
     if len(tiles["tile_id"]) != len(west) * len(south):
         raise StoreFormatError(str(store.path), "table tile", "found tiles that are no rows and columns", "R-130")
-    is_inside = (xy >= store.extent[:2]).all(axis=1) & (xy <= store.extent[2:]).all(axis=1)
-    at, is_on_line = [], []
-    for axis, lines in enumerate((west, south)):
-        at.append(np.searchsorted(lines, xy[:, axis], side="right") - 1)
-        is_on_line.append((at[axis] > 0) & (lines[at[axis]] == xy[:, axis]))
-    found = []
-    for below, left in ((1, 1), (1, 0), (0, 1), (0, 0)):
-        is_one = is_inside & (is_on_line[1] | (below == 0)) & (is_on_line[0] | (left == 0))
-        found.append(np.where(is_one, (at[1] - below) * len(west) + at[0] - left, NONE))
-    return found
+    away = _away(tiles)
+    low: list[NDArray[np.int64]] = []
+    high: list[NDArray[np.int64]] = []
+    for axis, (lines, end) in enumerate(((west, store.extent.max_x), (south, store.extent.max_y))):
+        is_there = (xy[:, axis] >= lines[0] - away) & (xy[:, axis] <= end + away)
+        for found, side in ((low, -away), (high, away)):
+            at = np.searchsorted(lines, xy[:, axis] + side, side="right") - 1
+            found.append(np.where(is_there, at.clip(0), NONE))
+    passes = []
+    for row, is_row in ((low[1], True), (high[1], low[1] != high[1])):
+        for col, is_col in ((low[0], True), (high[0], low[0] != high[0])):
+            is_one = (row != NONE) & (col != NONE) & is_row & is_col
+            passes.append(np.where(is_one, row * len(west) + col, NONE))
+    return passes
+
+
+def _away(tiles: dict[str, NDArray[Any]]) -> float:
+    """How far a place may lie from a tile and still be on one of its faces: no face is larger than its tile."""
+    sides = np.stack([tiles["xmax"] - tiles["xmin"], tiles["ymax"] - tiles["ymin"]])
+    return ON_EDGE * float(sides.max(initial=0.0))
 
 
 def _binned(store: StoreReader, level: int, tiles: dict[str, NDArray[Any]], tile: int, xy: Floats) -> tuple[Any, ...]:
@@ -131,7 +141,7 @@ def _binned(store: StoreReader, level: int, tiles: dict[str, NDArray[Any]], tile
 
     span = np.ptp(xy, axis=0)
     if len(xy) <= MOST_PLACES or span.prod() < MOST_OF_TILES * (high - low).prod():
-        near = faces_near(store, level, xy, ON_EDGE * float((high - low).max()))
+        near = faces_near(store, level, xy, _away(tiles))
         return make(near, np.maximum(xy.min(axis=0), low), np.minimum(xy.max(axis=0), high))
     tile_id = int(tiles["tile_id"][tile])
     return store.keep(
@@ -196,6 +206,7 @@ def bin_of(value, low, step, n):  # type: ignore[no-untyped-def]
 def _sort_faces(nodes, face_nodes, low, step, n_col, n_row):  # type: ignore[no-untyped-def]
     """List the faces whose bounding boxes touch each bin, ascending: offsets (n_bin + 1,) and faces."""
     n_face = len(face_nodes)
+    pad_x, pad_y = ON_EDGE * step[0] * n_col, ON_EDGE * step[1] * n_row  # places nearly on a face are on it
     box = np.empty((n_face, 4), np.int64)
     offsets = np.zeros(n_col * n_row + 1, np.int64)
     for face in range(n_face):
@@ -206,8 +217,9 @@ def _sort_faces(nodes, face_nodes, low, step, n_col, n_row):  # type: ignore[no-
                 nodes[face_nodes[face, 2], axis],
             )
             n = n_col if axis == 0 else n_row
-            box[face, axis] = bin_of(min(a, b, c), low[axis], step[axis], n)
-            box[face, 2 + axis] = bin_of(max(a, b, c), low[axis], step[axis], n)
+            pad = pad_x if axis == 0 else pad_y
+            box[face, axis] = bin_of(min(a, b, c) - pad, low[axis], step[axis], n)
+            box[face, 2 + axis] = bin_of(max(a, b, c) + pad, low[axis], step[axis], n)
         for row in range(box[face, 1], box[face, 3] + 1):
             for col in range(box[face, 0], box[face, 2] + 1):
                 offsets[row * n_col + col + 1] += 1

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import sys
 from dataclasses import dataclass
 from typing import Any, Protocol
 
@@ -16,20 +17,14 @@ from vpfx.errors import InputError
 __all__ = ["Eye", "Focus", "Need", "checked_errors", "checked_eye", "checked_focus", "screen_share"]
 
 Floats = NDArray[np.float64]
-NOWHERE = -1.0  # less than any distance
+POLYGONS = shapely.Polygon | shapely.MultiPolygon
 
 
 class Need(Protocol):
-    """A tolerance that does not fall with distance."""
+    """How much vertical error is allowed on faces."""
 
-    def distance(self, corner: Floats) -> Floats:
-        """Least distance of faces, float64 (n,), metres; never less for a part of a face."""
-
-    def tolerance(self, distance: Floats) -> Floats:
-        """Vertical error allowed at distances, metres."""
-
-    def reach(self, error: Floats) -> Floats:
-        """Greatest distance at which an error is too great, metres; -1 if it is nowhere."""
+    def tolerance(self, corner: Floats) -> Floats:
+        """Vertical error allowed at the nearest place of faces, float64 (n,), metres; never less for a part of a face."""
 
 
 @dataclass(frozen=True)
@@ -49,11 +44,11 @@ class Eye:
 
     Examples
     --------
+    The face is 40 m away and 30 m below:
+
     >>> eye = Eye((0.0, 0.0, 130.0), (1.0, 1.0), (0.0, 100.0), 0.01)
-    >>> eye.distance(np.array([[[40, 0, 0], [50, 0, 0], [40, 10, 0.0]]]))
-    array([50.])
-    >>> eye.tolerance(np.array([50.0])), eye.reach(np.array([2.0]))
-    (array([0.5]), array([200.]))
+    >>> eye.tolerance(np.array([[[40, 0, 0], [50, 0, 0], [40, 10, 0.0]]]))
+    array([0.5])
     """
 
     place: tuple[float, float, float]
@@ -61,20 +56,12 @@ class Eye:
     slab: tuple[float, float]
     share: float
 
-    def distance(self, corner: Floats) -> Floats:
-        """Least distance from the eye to faces, no more than the true one: in plan to the face, in height to the slab."""
+    def tolerance(self, corner: Floats) -> Floats:
+        """Error allowed at a distance no more than the true one: in plan to the face, in height to the slab."""
         x, y, z = self.place
         plan = (corner[..., :2] - (x, y)) * self.metres
         above = max(0.0, z - self.slab[1], self.slab[0] - z)
-        return np.hypot(_to_origin(np.ascontiguousarray(plan)), above)
-
-    def tolerance(self, distance: Floats) -> Floats:
-        """Vertical error allowed at distances, metres."""
-        return self.share * distance
-
-    def reach(self, error: Floats) -> Floats:
-        """Distance at which an error is just allowed, metres."""
-        return error / self.share
+        return self.share * np.hypot(_to_origin(np.ascontiguousarray(plan)), above)
 
 
 @dataclass(frozen=True)
@@ -94,11 +81,11 @@ class Focus:
 
     Examples
     --------
-    >>> focus = Focus(shapely.box(0, 0, 10, 10), (1.0, 1.0), 2.0, 0.1)
-    >>> focus.distance(np.array([[[40, 0, 0], [50, 0, 0], [40, 10, 0.0]]]))
-    array([30.])
-    >>> focus.tolerance(np.array([0.0, 30.0])), focus.reach(np.array([1.0, 5.0]))
-    (array([2., 5.]), array([-1., 30.]))
+    >>> face = np.array([[[40, 0, 0], [50, 0, 0], [40, 10, 0.0]]])
+    >>> Focus(shapely.box(0, 0, 10, 10), (1.0, 1.0), 2.0, 0.1).tolerance(face)
+    array([5.])
+    >>> Focus(shapely.box(0, 0, 45, 10), (1.0, 1.0), 2.0).tolerance(face)
+    array([2.])
     """
 
     area: Any
@@ -106,19 +93,15 @@ class Focus:
     error: float
     growth: float = math.inf
 
-    def distance(self, corner: Floats) -> Floats:
-        """Least distance in plan from the polygon to faces."""
+    def tolerance(self, corner: Floats) -> Floats:
+        """Error allowed by the least distance in plan from the polygon."""
         faces = shapely.polygons(corner[:, [0, 1, 2, 0], :2] * self.metres)
         shapely.prepare(self.area)
-        return shapely.distance(self.area, faces)
-
-    def tolerance(self, distance: Floats) -> Floats:
-        """Vertical error allowed at distances, metres."""
-        return self.error + np.where(distance > 0.0, self.growth, 0.0) * np.maximum(distance, 1e-300)
-
-    def reach(self, error: Floats) -> Floats:
-        """Greatest distance at which an error is too great, metres; -1 if it is nowhere."""
-        return np.where(error > self.error, (error - self.error) / self.growth, NOWHERE)
+        distance = shapely.distance(self.area, faces)
+        beyond = distance > 0.0
+        more = np.zeros(len(faces))
+        more[beyond] = self.growth * distance[beyond]
+        return self.error + more
 
 
 @njit(nogil=True, cache=True)
@@ -132,42 +115,81 @@ def _to_origin(corner):  # type: ignore[no-untyped-def]
             bx, by = corner[face, (i + 1) % 3]
             wx, wy = bx - ax, by - ay
             is_inside = is_inside and ax * by - ay * bx >= 0.0
-            along = min(1.0, max(0.0, -(ax * wx + ay * wy) / (wx * wx + wy * wy)))
+            size = wx * wx + wy * wy  # 0 where the origin is so far away that corners fall together
+            along = min(1.0, max(0.0, -(ax * wx + ay * wy) / size)) if size > 0.0 else 0.0
             least = min(least, np.hypot(ax + along * wx, ay + along * wy))
         found[face] = 0.0 if is_inside else least
     return found
 
 
-def screen_share(screen_error: float, fov: float, screen_height: int) -> float:
-    """Error allowed per distance."""
-    if not (0.0 < screen_error < math.inf and 0.0 < fov < 180.0 and screen_height >= 1):
+def screen_share(screen_error: float, fov: float, screen_height: float) -> float:
+    """Error allowed per distance.
+
+    Raises
+    ------
+    InputError
+        A number is out of range.
+    """
+    given = np.asarray([_number(screen_error), _number(fov), _number(screen_height)])
+    if not (np.isfinite(given).all() and (given > 0.0).all() and given[1] < 180.0):
         found = f"{screen_error} pixels, {fov}° and {screen_height} pixels"
         raise InputError(
-            f"cut: found {found}, expected a screen error above 0, a field of view below 180°, a height of 1 or more"
+            f"cut: found {found}, expected a screen error and a height above 0, a field of view below 180°"
         )
-    return screen_error * 2.0 * math.tan(math.radians(fov) / 2.0) / screen_height
+    share = float(given[0] * 2.0 * math.tan(math.radians(given[1]) / 2.0) / given[2])
+    return max(share, sys.float_info.min)
 
 
 def checked_eye(eye: Any) -> tuple[float, float, float]:
-    """Return the place of an eye."""
-    place = np.asarray(eye, np.float64)
-    if place.shape != (3,) or not np.isfinite(place).all():
-        raise InputError(f"eye: found {eye}, expected x, y and z")
-    x, y, z = place.tolist()
+    """Return the place of an eye.
+
+    Raises
+    ------
+    InputError
+        It is no three finite numbers.
+    """
+    try:
+        x, y, z = (float(value) for value in eye)
+    except (TypeError, ValueError):
+        x = y = z = math.nan
+    if not all(map(math.isfinite, (x, y, z))):
+        raise InputError(f"eye: found {str(eye)[:60]}, expected x, y and z")
     return x, y, z
 
 
-def checked_errors(error: float, growth: float) -> tuple[float, float]:
-    """Return what is allowed in the focus, and how it grows."""
-    if not (0.0 <= error < math.inf and growth > 0.0):
+def checked_errors(error: Any, growth: Any) -> tuple[float, float]:
+    """Return what is allowed in the focus, and how it grows.
+
+    Raises
+    ------
+    InputError
+        A number is out of range.
+    """
+    allowed, more = _number(error), _number(growth)
+    if not (0.0 <= allowed < math.inf and more > 0.0):
         raise InputError(
             f"cut: found an error of {error} m that grows by {growth}, expected 0 or more and a growth above 0"
         )
-    return error, growth
+    return allowed, more
 
 
 def checked_focus(area: Any, metres: tuple[float, float]) -> Any:
-    """Return a focus, scaled to metres."""
-    if not isinstance(area, shapely.Polygon | shapely.MultiPolygon) or area.is_empty or not area.is_valid:
+    """Return a focus, scaled to metres.
+
+    Raises
+    ------
+    InputError
+        It is no valid polygon.
+    """
+    scaled = shapely.transform(area, lambda places: places * metres) if isinstance(area, POLYGONS) else None
+    if scaled is None or scaled.is_empty or not scaled.is_valid:
         raise InputError(f"focus: found {str(area)[:60]}, expected a valid polygon that is not empty")
-    return shapely.transform(area, lambda places: places * metres)
+    return scaled
+
+
+def _number(value: Any) -> float:
+    """Return a value as a number, NaN if it is none."""
+    try:
+        return float(value)
+    except (TypeError, ValueError):
+        return math.nan

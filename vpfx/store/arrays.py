@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vpfx.errors import StoreError, StoreFormatError
-from vpfx.store.mapping import map_pages
+from vpfx.store.mapping import Pages, key_of, map_pages
 from vpfx.store.page_pairs import read_pairs
 from vpfx.store.page_reader import OTHER, PAGE, REAL, WHOLE, find_leaves, read_records
 
@@ -42,6 +42,8 @@ class TableReader:
         Open for reading, in autocommit mode.
     path : Path
         The same file.
+    key : (int, int), optional
+        What `vpfx.store.mapping.key_of` said of it when it was opened: another file may have its name by now.
 
     Notes
     -----
@@ -49,9 +51,10 @@ class TableReader:
     a write-ahead log, rows are read through SQL.
     """
 
-    def __init__(self, connection: sqlite3.Connection, path: Path) -> None:
+    def __init__(self, connection: sqlite3.Connection, path: Path, key: tuple[int, int] | None = None) -> None:
         self._connection, self._path = connection, path
-        self._pages = map_pages(path)
+        self._key = key_of(path) if key is None else key
+        self._pages: Pages | None = None
         self._roots: dict[str, int] = {}
         self._columns: dict[str, list[tuple[str, int]]] = {}
         self._cookie = b""  # of the schema when the roots were read: VACUUM moves them
@@ -83,7 +86,7 @@ class TableReader:
             columns = self._columns_of(table)
             if data is None:
                 return self._by_sql(table, columns, runs)
-            leaves, most = find_leaves(data, self._roots[table], lows, highs)
+            leaves, most = find_leaves(data, self._roots.get(table, 0), lows, highs)
             kinds = np.array([OTHER if i == 0 else kind for i, (_, kind) in enumerate(columns)])
             room = max(most, 0)
             wholes = np.empty((int((kinds == WHOLE).sum()), room), np.int64)
@@ -125,7 +128,7 @@ class TableReader:
             if data is None:
                 rows = [row for run in runs for row in self._connection.execute(query, run)]
                 return self._whole_numbers(rows, "parent_child")
-            pairs, count = read_pairs(data, self._roots[index], lows, highs)
+            pairs, count = read_pairs(data, self._roots.get(index, 0), lows, highs)
             self._check(count, index)
             return pairs[:count].copy()
 
@@ -154,18 +157,25 @@ class TableReader:
         """Give the pages as no writer changes them, or None where SQL has to read them."""
         _warm()
         if self._connection.in_transaction:  # no new mapping: closing its handle would drop the lock that is held
-            (count,) = self._connection.execute("PRAGMA page_count").fetchone()
-            yield self._sure_bytes() if self._pages is not None and count == self._pages.count else None
+            yield self._sure_bytes()
             return
-        while True:
-            if self._pages is None:  # the file was edited here, or has grown or shrunk since it was mapped
-                self._pages = map_pages(self._path)
+        for is_last in (False, True):
+            if self._pages is None:  # the file was edited here, or is not the size it was when it was mapped
+                self._pages = self._mapped()
             with self.held():
-                (count,) = self._connection.execute("PRAGMA page_count").fetchone()
-                if self._pages is None or count == self._pages.count:
-                    yield self._sure_bytes()
+                data = self._sure_bytes()
+                if data is not None or is_last:
+                    yield data
                     return
             self._pages = None
+
+    def _mapped(self) -> Pages | None:
+        """Map the pages, if the file of that name is still the one that is open."""
+        try:
+            pages = map_pages(self._path)
+        except OSError:
+            return None
+        return pages if pages is not None and pages.key == self._key else None
 
     @contextmanager
     def held(self) -> Iterator[None]:
@@ -184,16 +194,18 @@ class TableReader:
         """Return the pages if they are all there is: not where the newest ones may lie in a write-ahead log."""
         if self._pages is None:
             return None
+        facts = ("page_count", "page_size", "journal_mode")
+        count, size, mode = (self._connection.execute(f"PRAGMA {fact}").fetchone()[0] for fact in facts)
         data = self._pages.bytes
-        (mode,) = self._connection.execute("PRAGMA journal_mode").fetchone()
+        if (count, size) != (self._pages.count, PAGE) or mode == "wal" or data[19] == WAL:
+            return None
         self._read_roots(data[COOKIE].tobytes())
-        is_sure = mode != "wal" and data[19] != WAL and int.from_bytes(data[16:18].tobytes(), "big") == PAGE
-        return data if is_sure else None
+        return data
 
     def _read_roots(self, cookie: bytes) -> None:
         """Read where tables and indexes begin, if the schema is not the one known."""
         if cookie != self._cookie:
-            query = "SELECT name, rootpage FROM sqlite_schema WHERE rootpage > 0"
+            query = "SELECT name, rootpage FROM sqlite_schema WHERE typeof(rootpage) = 'integer' AND rootpage > 0"
             self._roots, self._columns, self._cookie = dict(self._connection.execute(query).fetchall()), {}, cookie
 
     def _lock(self) -> None:
@@ -210,7 +222,12 @@ class TableReader:
         rows = [row for run in runs for row in self._connection.execute(query, run)]
         values = zip(*rows, strict=True) if rows else ([] for _ in names)
         reals = {name for name, kind in columns if kind == REAL}
-        return {name: to_array(column, name in reals) for name, column in zip(names, values, strict=True)}
+        try:
+            return {name: to_array(column, name in reals) for name, column in zip(names, values, strict=True)}
+        except (TypeError, ValueError, OverflowError) as error:
+            raise StoreFormatError(
+                str(self._path), f"table {table}", "found a value of another kind", "R-102"
+            ) from error
 
 
 @cache

@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 from vpfx.store.page_reader import PAGE
 
-__all__ = ["Pages", "map_pages", "unmapped"]
+__all__ = ["Pages", "key_of", "map_pages", "unmapped"]
 
 _guard = threading.Lock()
 _edited: Counter[tuple[int, int]] = Counter()  # files that this process edits: device and inode
@@ -33,7 +33,7 @@ class Pages:
 
     def __init__(self, path: Path) -> None:
         with path.open("rb") as file:
-            self.key = _key_of(os.fstat(file.fileno()))
+            self.key = _key(os.fstat(file.fileno()))
             self._map = mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ)
         self.bytes: NDArray[np.uint8] = np.frombuffer(self._map, np.uint8)
 
@@ -46,7 +46,7 @@ class Pages:
 def map_pages(path: Path) -> Pages | None:
     """Map the pages of a file, or not, while this process edits it; the caller holds no lock on it."""
     with _guard:
-        if _edited[_key_of(path.stat())]:
+        if _edited[key_of(path)]:
             return None
         pages = Pages(path)
         _alive.add(pages)
@@ -57,7 +57,7 @@ def map_pages(path: Path) -> Pages | None:
 def unmapped(path: Path) -> Iterator[None]:
     """Surround the editing of a file: it is not mapped, and mappings that are there stay."""
     with _guard:
-        key = _key_of(path.stat())
+        key = key_of(path)
         kept = [pages for pages in _alive if pages.key == key]
         _edited[key] += 1
     try:
@@ -68,5 +68,10 @@ def unmapped(path: Path) -> Iterator[None]:
             kept.clear()
 
 
-def _key_of(status: os.stat_result) -> tuple[int, int]:
+def key_of(path: Path) -> tuple[int, int]:
+    """Return what tells the file of a path from others: device and inode."""
+    return _key(path.stat())
+
+
+def _key(status: os.stat_result) -> tuple[int, int]:
     return status.st_dev, status.st_ino

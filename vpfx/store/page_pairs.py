@@ -12,7 +12,7 @@ import numpy as np
 from numba import njit
 
 from vpfx.store.page_cells import INNER_INDEX, LEAF_INDEX
-from vpfx.store.page_reader import IS_BROKEN, PAGE, grown, head_of, meets, size_of, varint, whole
+from vpfx.store.page_reader import IS_BROKEN, PAGE, cell_at, child_at, grown, head_of, meets, size_of, varint, whole
 
 __all__ = ["read_pairs"]
 
@@ -49,14 +49,16 @@ def read_pairs(data, root, lows, highs):
         if page < 1 or page > n_page:
             return found, IS_BROKEN
         kind, n_cell, pointers = head_of(data, page)
-        start, stop = (page - 1) * PAGE, page * PAGE
+        stop = page * PAGE
         if kind == LEAF_INDEX:
             for i in range(n_cell):
-                first, second, is_sound = _pair_at(data, start + _cell(data, pointers, i), stop)
+                first, second, is_sound = _pair_at(data, cell_at(data, page, pointers, n_cell, i), 0, stop)
                 if not is_sound:
                     return found, IS_BROKEN
                 if meets(lows, highs, first, first):
                     found, count = _put(found, count, first, second)
+                    if count == IS_BROKEN:
+                        return found, IS_BROKEN
             depth -= 1
             continue
         if kind != INNER_INDEX:
@@ -65,10 +67,10 @@ def read_pairs(data, root, lows, highs):
         at = pointers - 4
         previous, first, second = np.iinfo(np.int64).min, np.iinfo(np.int64).max, np.int64(0)
         if i > 0:
-            previous, _, _ = _pair_at(data, start + _cell(data, pointers, i - 1) + 4, stop)  # was sound
+            previous, _, _ = _pair_at(data, cell_at(data, page, pointers, n_cell, i - 1), 4, stop)  # was sound
         if i < n_cell:
-            at = start + _cell(data, pointers, i)
-            first, second, is_sound = _pair_at(data, at + 4, stop)
+            at = cell_at(data, page, pointers, n_cell, i)
+            first, second, is_sound = _pair_at(data, at, 4, stop)
             if not is_sound:
                 return found, IS_BROKEN
         states[depth - 1] += 1
@@ -77,23 +79,24 @@ def read_pairs(data, root, lows, highs):
                 depth -= 1
             elif meets(lows, highs, first, first):
                 found, count = _put(found, count, first, second)
+                if count == IS_BROKEN:
+                    return found, IS_BROKEN
         elif meets(lows, highs, previous, first):
             seen += 1
             if depth == MOST_DEEP or seen > n_page:
                 return found, IS_BROKEN
-            child = np.int64(0)
-            for b in range(4):
-                child = child << 8 | np.int64(data[at + b])
-            pages[depth], states[depth] = child, 0
+            pages[depth], states[depth] = child_at(data, at), 0
             depth += 1
     return found, count
 
 
 @njit(nogil=True, cache=True)
-def _pair_at(data, at, stop):
-    """Return the two integers of the record at a byte, and whether it is one."""
+def _pair_at(data, cell, skipped, stop):
+    """Return the two integers of the record of a cell behind some bytes, and whether it is one."""
     broken = np.int64(0), np.int64(0), False
-    n_byte, at = varint(data, at, stop)
+    if cell < 0:
+        return broken
+    n_byte, at = varint(data, cell + skipped, stop)
     if at < 0 or n_byte < 3 or n_byte > stop - at:
         return broken
     end = at + n_byte
@@ -111,14 +114,10 @@ def _pair_at(data, at, stop):
 
 
 @njit(nogil=True, cache=True)
-def _cell(data, pointers, i):
-    """Return the place of cell i in its page."""
-    return np.int64(data[pointers + 2 * i]) << 8 | np.int64(data[pointers + 2 * i + 1])
-
-
-@njit(nogil=True, cache=True)
 def _put(found, count, first, second):
-    """Append a pair; return the array, grown if it was full, and the count."""
+    """Append a pair; return the array, grown if it was full, and the count; -1 if the pair does not follow the last one."""
+    if count > 0 and (first, second) <= (found[count - 1, 0], found[count - 1, 1]):
+        return found, IS_BROKEN
     if count == len(found):
         found = grown(found)
     found[count] = first, second

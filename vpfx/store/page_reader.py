@@ -16,6 +16,8 @@ from vpfx.store.page_cells import INNER_INDEX, INNER_TABLE, LEAF_TABLE
 __all__ = [
     "IS_BROKEN",
     "PAGE",
+    "cell_at",
+    "child_at",
     "find_leaves",
     "grown",
     "head_of",
@@ -76,6 +78,22 @@ def head_of(data, page):
 
 
 @njit(nogil=True, cache=True)
+def cell_at(data, page, pointers, n_cell, i):
+    """Return the place of a cell of a page; -1 if it does not lie behind the pointers."""
+    at = (page - 1) * PAGE + (np.int64(data[pointers + 2 * i]) << 8 | np.int64(data[pointers + 2 * i + 1]))
+    return at if pointers + 2 * n_cell <= at < page * PAGE else IS_BROKEN
+
+
+@njit(nogil=True, cache=True)
+def child_at(data, at):
+    """Return the number of a page that four bytes give."""
+    child = np.int64(0)
+    for b in range(4):
+        child = child << 8 | np.int64(data[at + b])
+    return child
+
+
+@njit(nogil=True, cache=True)
 def meets(lows, highs, low, high):
     """Tell whether any of some ascending runs holds a number from low to high."""
     run = np.searchsorted(highs, low)
@@ -130,29 +148,25 @@ def find_leaves(data, root, lows, highs):
             continue
         if kind != INNER_TABLE:
             return leaves[:0], IS_BROKEN
-        start = (page - 1) * PAGE
         first = n_left
         previous = np.iinfo(np.int64).min
         for i in range(n_cell + 1):
             last = np.iinfo(np.int64).max
             if i < n_cell:
-                at = start + (np.int64(data[pointers + 2 * i]) << 8 | np.int64(data[pointers + 2 * i + 1]))
-                if at + 4 > page * PAGE:
+                at = cell_at(data, page, pointers, n_cell, i)
+                if at < 0 or at + 4 > page * PAGE:
                     return leaves[:0], IS_BROKEN
                 last, end = varint(data, at + 4, page * PAGE)
-                if end < 0:
+                if end < 0 or last <= previous:
                     return leaves[:0], IS_BROKEN
             else:
                 at = pointers - 4
             if meets(lows, highs, previous, last):
-                child = np.int64(0)
-                for b in range(4):
-                    child = child << 8 | np.int64(data[at + b])
                 if n_left > n_page:
                     return leaves[:0], IS_BROKEN
                 if n_left == len(stack):
                     stack = grown(stack)
-                stack[n_left] = child
+                stack[n_left] = child_at(data, at)
                 n_left += 1
             previous = last
         stack[first:n_left] = stack[first:n_left][::-1].copy()  # the first child is looked at first
@@ -184,28 +198,32 @@ def read_records(data, leaves, lows, highs, kinds, wholes, reals, ids):
     Cost: O(bytes of the leaves).
     """
     count = run = 0
+    previous = np.iinfo(np.int64).min
     for page in leaves:
         kind, n_cell, pointers = head_of(data, page)
-        start, stop = (page - 1) * PAGE, page * PAGE
+        stop = page * PAGE
         if kind != LEAF_TABLE:
             return IS_BROKEN
         for i in range(n_cell):
-            at = start + (np.int64(data[pointers + 2 * i]) << 8 | np.int64(data[pointers + 2 * i + 1]))
+            at = cell_at(data, page, pointers, n_cell, i)
+            if at < 0:
+                return IS_BROKEN
             n_byte, at = varint(data, at, stop)
             if at < 0:
                 return IS_BROKEN
             row, at = varint(data, at, stop)
-            if at < 0 or n_byte < 1 or n_byte > stop - at:
+            if at < 0 or n_byte < 1 or n_byte > stop - at or row <= previous:
                 return IS_BROKEN
+            previous = row
             while run < len(highs) and highs[run] < row:
                 run += 1
             if run == len(highs) or row < lows[run]:
                 continue
             end = at + n_byte
             n_head, types = varint(data, at, end)
-            body = at + n_head
-            if types < 0 or n_head < 1 or body > end or count >= len(ids):
+            if types < 0 or n_head < 1 or n_head > end - at or count >= len(ids):
                 return IS_BROKEN
+            body = at + n_head
             ids[count] = row
             n_whole = n_real = 0
             for column in range(len(kinds)):

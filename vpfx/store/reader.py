@@ -23,6 +23,7 @@ from vpfx.store.classes import FeatureClass, read_classes
 from vpfx.store.contents import check_schema, read_extent, read_levels, read_metadata
 from vpfx.store.descent import descend, mesh_of
 from vpfx.store.digest import REALS
+from vpfx.store.mapping import key_of
 from vpfx.store.recent import Recent
 
 __all__ = ["StoreReader", "open_reader"]
@@ -59,11 +60,14 @@ class StoreReader:
                 f"{path}: found {'a folder' if path.is_dir() else 'no such file'}, expected a store made by vpfx build"
             )
         try:
+            key = key_of(path)
             uri = f"{path.absolute().as_uri()}?mode=ro"
             self._connection = sqlite3.connect(uri, uri=True, isolation_level=None)
-        except sqlite3.Error as error:
+        except (OSError, sqlite3.Error) as error:
             raise StoreError(f"{path}: cannot be opened: {error}") from error
         try:
+            if key_of(path) != key:
+                raise StoreError(f"{path}: was replaced while it was opened; try again")
             self._connection.execute("PRAGMA trusted_schema = OFF")
             self._connection.execute("BEGIN")  # all that is read from here on is of one state of the file
             check_schema(self._connection, path)
@@ -72,9 +76,9 @@ class StoreReader:
             self.extent = read_extent(self._connection, str(path))
             self.crs = str(self.metadata["crs_wkt2"])
             self._connection.execute("COMMIT")
-            self._reader = TableReader(self._connection, path)
+            self._reader = TableReader(self._connection, path, key)
             self._recent = Recent()
-        except sqlite3.DatabaseError as error:
+        except (sqlite3.DatabaseError, UnicodeDecodeError) as error:
             self.close()
             if "locked" in str(error):
                 raise StoreError(f"{path}: cannot be read: {error}; somebody is writing, try again") from error
@@ -268,8 +272,16 @@ class StoreReader:
     def tile_faces(self, level: int, tile_id: int) -> dict[str, NDArray[Any]]:
         """Rows of the faces of one level and tile, as of `fetch`."""
         query = "SELECT first_face, last_face FROM tile_level WHERE tile_id = ? AND level = ?"
-        first, last = self._connection.execute(query, (tile_id, level)).fetchone()
-        return self._reader.rows("face", [] if first is None else [(first, last)])
+        limits = self._connection.execute(query, (tile_id, level)).fetchone()
+        if limits == (None, None):
+            return self.fetch("face", [])
+        where = f"table tile_level: tile {tile_id}, level {level}"
+        if limits is None or not all(isinstance(limit, int) for limit in limits):
+            raise StoreFormatError(str(self.path), where, f"found {limits}, expected a range of faces", "R-132")
+        rows = self._reader.rows("face", [limits])
+        if (rows["level"] != level).any() or (rows["tile_id"] != tile_id).any():
+            raise StoreFormatError(str(self.path), where, "found faces of another tile or level", "R-132")
+        return rows
 
     @contextmanager
     def snapshot(self) -> Iterator[None]:
@@ -358,7 +370,12 @@ class StoreReader:
         return {name: to_array(column, name in REALS) for name, column in zip(names, columns, strict=True)}
 
 
-def _checked_box(bbox: Sequence[float]) -> Extent:
-    if len(bbox) != 4 or not np.isfinite(bbox).all() or bbox[0] > bbox[2] or bbox[1] > bbox[3]:
-        raise InputError(f"bbox: found {tuple(bbox)}, expected min_x, min_y, max_x, max_y")
-    return Extent(*bbox)
+def _checked_box(bbox: Any) -> Extent:
+    """Return a rectangle."""
+    try:
+        box = Extent(*map(float, bbox))
+    except (TypeError, ValueError):
+        box = Extent(*[np.nan] * 4)
+    if not np.isfinite(box).all() or box.min_x > box.max_x or box.min_y > box.max_y:
+        raise InputError(f"bbox: found {bbox}, expected min_x, min_y, max_x, max_y")
+    return box
