@@ -323,3 +323,69 @@ def test_the_command(path, capsys):
                   ("--class", "a", "--sql", "SELECT 1", "--level", "1")):  # fmt: skip
         code, out, err = call(*wrong)
         assert (code, out, err.startswith("vpfx: attach: found ")) == (2, "", True), wrong
+
+
+def write_features(name, rows):
+    """Write squares over the whole extent with given properties."""
+    x, y = pyproj.Transformer.from_crs(CRS, "EPSG:4326", always_xy=True).transform(
+        np.array([5e5, 5e5 + SIDE, 5e5 + SIDE, 5e5, 5e5]), np.array([4e6, 4e6, 4e6 + SIDE, 4e6 + SIDE, 4e6])
+    )
+    ring = [list(place) for place in zip(x.tolist(), y.tolist(), strict=True)]
+    features = [
+        {"type": "Feature", "properties": row, "geometry": {"type": "Polygon", "coordinates": [ring]}} for row in rows
+    ]
+    Path(name).write_text(json.dumps({"type": "FeatureCollection", "features": features}))
+    return name
+
+
+def test_fields_of_every_kind(path):
+    attach_areas(path, "a", write_features("a.geojson", [{"tags": ["a", "b"], "n": 2**60 + 1}]))
+    assert query(path, "SELECT tags, n FROM a") == [('["a", "b"]', 2**60 + 1)]
+    with pytest.raises(InputError, match=r"field n: found whole numbers beyond 2\^53 beside NULL"):
+        attach_areas(path, "b", write_features("b.geojson", [{"n": 2**53 + 1}, {"n": None}]))
+    with pytest.raises(InputError, match="found fields 'Name' and 'name' for column name"):
+        attach_areas(path, "c", write_features("c.geojson", [{"Name": "x", "name": "y"}]))
+    with pytest.raises(InputError, match="face_id that is NULL"):
+        attach_sql(path, "d", "SELECT NULL AS face_id, 2 AS v")
+
+
+def test_areas_that_overlap_count_once_for_a_majority(path):
+    """Two times the same area over less than half of the ground are no majority of the faces it cuts."""
+    with vpfx.open_store(path) as store:
+        x0, y0, x1, y1 = store.extent
+        tin = store.tin(0)
+    area = shapely.box(x0, y0, x0 + 0.41 * (x1 - x0), y1)
+    corner = tin.nodes[tin.face_nodes[:, [0, 1, 2, 0]], :2]
+    faces = shapely.polygons(corner)
+    part = shapely.area(shapely.intersection(faces, area)) / shapely.area(faces)
+    places = pyproj.Transformer.from_crs(CRS, "EPSG:4326", always_xy=True)
+    ring = [list(places.transform(x, y)) for x, y in area.exterior.coords]
+    features = [
+        {"type": "Feature", "properties": {"i": i}, "geometry": {"type": "Polygon", "coordinates": [ring]}}
+        for i in (1, 2)
+    ]
+    Path("twice.geojson").write_text(json.dumps({"type": "FeatureCollection", "features": features}))
+    attach_areas(path, "twice", "twice.geojson", by="majority", level=0)
+    found = {face for (face,) in query(path, "SELECT face_id FROM face_feature")}
+    sure = np.abs(part - 0.5) > 0.01
+    expected = set(tin.face_attributes["face_id"][sure & (part >= 0.5)].tolist())
+    assert ((part > 0.34) & (part < 0.49)).any(), "a face that would be counted twice"
+    assert found - set(tin.face_attributes["face_id"][~sure].tolist()) == expected
+
+
+@pytest.mark.parametrize("value", [np.inf, 1e300, 0.5])
+def test_values_that_are_no_classes(value, path):
+    transform = from_origin(5e5 - 15, 4e6 + SIDE + 15, 30, 30)
+    profile = {
+        "driver": "GTiff",
+        "width": 40,
+        "height": 40,
+        "count": 1,
+        "dtype": "float64",
+        "crs": CRS,
+        "transform": transform,
+    }
+    with rasterio.open("c.tif", "w", **profile) as raster:
+        raster.write(np.full((40, 40), value), 1)
+    with pytest.raises(InputError, match="expected classes: whole numbers below"):
+        attach_raster(path, "c", "c.tif")

@@ -15,6 +15,7 @@ import pytest
 from surfaces import hills, query, write_dem
 
 import vpfx
+from vpfx.attach import attach_sql
 from vpfx.errors import InputError, NotFoundError, StoreError, StoreFormatError
 from vpfx.query.attributes import attributes
 from vpfx.query.sql import answer_sql
@@ -115,6 +116,39 @@ def test_savepoints(path):
     assert on_faces(path) == [(1, 1, 1.0), (2, 2, 1.0), (3, 1, 1.0), (7, 1, 1.0)]
 
 
+def test_undoing_an_outer_savepoint_inside_an_inner_one(path):
+    before = query(path, DEPTHS)
+    with edit_store(path) as editor:
+        with editor.savepoint() as outer:
+            editor.add_features("soil", {"depth": [3.0]})
+            with editor.savepoint():
+                editor.add_features("soil", {"depth": [4.0]})
+                outer.undo()
+                editor.add_features("soil", {"depth": [5.0]})
+        with editor.savepoint(), pytest.raises(InputError, match="block is over"):
+            outer.undo()
+    assert query(path, DEPTHS) == [*before, (5.0,)]
+
+
+def test_a_killed_writer_is_told_and_undone(path, tmp_path):
+    """The files of a writer that has written some pages: who reads says what to do, who writes undoes it."""
+    before, faces = query(path, DEPTHS), query(path, "SELECT * FROM face")
+    killed = tmp_path / "killed.gpkg"
+    with closing(sqlite3.connect(path, isolation_level=None)) as writer:
+        writer.execute("PRAGMA cache_size = 5")
+        writer.execute("BEGIN")
+        writer.execute("UPDATE face SET slope_centidegrees = 1")
+        for suffix in ("", "-journal"):
+            shutil.copy(f"{path}{suffix}", f"{killed}{suffix}")
+    for ask in (lambda: vpfx.open_store(killed), lambda: answer_sql(killed, DEPTHS)):
+        with pytest.raises(StoreError, match="a change that was interrupted, which waits to be undone"):
+            ask()
+    attach_sql(killed, "steep", "SELECT face_id, 1 AS yes FROM face WHERE face_id < 5")
+    assert query(killed, DEPTHS) == before
+    assert query(killed, "SELECT * FROM face") == faces
+    assert not (tmp_path / "killed.gpkg-journal").exists()
+
+
 def test_a_failed_step_leaves_the_rest(path):
     with edit_store(path) as editor:
         with pytest.raises(InputError, match="column depth: found 'deep', expected a real"):
@@ -139,6 +173,7 @@ REFUSED = {
     "too long": (InputError, "small letter", lambda e: e.create_class("a" * 32, {"a": "text"})),
     "reserved": (InputError, "begins as tables", lambda e: e.create_class("gpkg_a", {"a": "text"})),
     "keyword": (InputError, "a word of SQL", lambda e: e.create_class("order", {"a": "text"})),
+    "the clock as column": (InputError, "a word of SQL", lambda e: e.create_class("a", {"current_date": "date"})),
     "keyword as column": (InputError, "a word of SQL", lambda e: e.create_class("a", {"select": "text"})),
     "no column": (InputError, "expected 1 …", lambda e: e.create_class("a", {})),
     "key as column": (InputError, "none of them feature_id", lambda e: e.create_class("a", {"feature_id": "text"})),

@@ -337,6 +337,14 @@ def test_polygons_come_from_files(tiles, capsys, tmp_path):
         assert len(set(found) ^ set(expected)) <= (0 if crs == "EPSG:32613" else 0.05 * len(expected))
 
 
+def test_places_far_away_and_polygons_of_curves(tiles, capsys, tmp_path):
+    (tmp_path / "far.txt").write_text("1e155 0\n1e300 -1e300\n")
+    code, out, _ = ask(capsys, "nearest", tiles.path, "--points", tmp_path / "far.txt")
+    assert (code, len(out.splitlines())) == (0, 2)
+    code, _, err = ask(capsys, "region", tiles.path, "--polygon", "CURVEPOLYGON((0 0,1 0,1 1,0 0))")
+    assert (code, err.count("\n")) == (2, 1)
+
+
 def test_areas_of_files_are_made_valid(tiles, capsys, tmp_path):
     bow = shapely.from_wkt("POLYGON ((500100 4000100, 500300 4000700, 500300 4000100, 500100 4000700, 500100 4000100))")
     code, out, _ = ask(

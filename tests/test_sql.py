@@ -335,3 +335,19 @@ def test_output_goes_to_a_file(extents, tmp_path, monkeypatch, capsys):
     monkeypatch.setattr("sys.stdin", io.StringIO("SELECT 5 AS five"))
     assert call("-") == (0, "five\n   5\n", "")
     assert sorted(os.listdir()) == ["a.csv", "a.gpkg"]
+
+
+@pytest.mark.parametrize("column", ["locked", "readonly", "malformed"])
+def test_words_of_errors_in_questions(column, extents):
+    with pytest.raises(InputError, match=f"SQL: no such column: {column}"):
+        answer_sql(extents[0], f"SELECT {column} FROM face")
+
+
+def test_changes_are_undone_if_the_answer_cannot_be_given(extents, tmp_path, capsys):
+    path = shutil.copy(extents[0], tmp_path / "a.gpkg")
+    (before,) = answer_sql(path, "SELECT count(*) FROM feature").rows
+    question = "INSERT INTO feature SELECT max(feature_id) + 1, 1 FROM feature"
+    with pytest.raises(SystemExit, match="3"):
+        main(["sql", str(path), question, "--write", "-o", "/proc/x"])
+    assert capsys.readouterr().err.count("\n") == 1
+    assert answer_sql(path, "SELECT count(*) FROM feature").rows == [before]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import re
 from collections.abc import Sequence
 from pathlib import Path
@@ -16,6 +17,7 @@ from vpfx.errors import InputError
 from vpfx.features import read_areas
 from vpfx.store.classes import Column, check_name
 from vpfx.store.descent import mesh_of
+from vpfx.store.edit import recover
 from vpfx.store.reader import StoreReader, open_reader
 
 __all__ = ["attach_areas"]
@@ -24,6 +26,7 @@ Ids = NDArray[np.int64]
 Floats = NDArray[np.float64]
 
 WAYS = ("centroid", "majority", "share")
+EXACT = 2**53  # from here on reals do not have every whole number
 LEAST_SHARE = 1e-9
 """Of a face: areas that share less only touch it."""
 
@@ -75,14 +78,15 @@ def attach_areas(
         raise InputError(f"by: found {by!r}, expected one of: {', '.join(WAYS)}")
     check_if_there(if_there)
     check_name(class_name, "class")
-    named = dict(_named(text) for text in columns or ())
+    recover(Path(path))
+    named = _distinct([_named(text) for text in columns or ()])
     with open_reader(path) as store:
         number = store.level_or_finest(level)
         areas = read_areas(source, store.crs, store.extent, layer=layer, columns=list(named.values()) or None)
         faces = _on_faces(store, number, areas.polygons, by)
-    fields = named or {re.sub(r"\W", "_", field.lower(), flags=re.ASCII): field for field in areas.fields}
+    fields = named or _distinct([(re.sub(r"\W", "_", f.lower(), flags=re.ASCII), f) for f in areas.fields])
     described = {name: Column(_kind_of(areas.fields[field][0])) for name, field in fields.items()}
-    values = {name: _values_of(*areas.fields[field]) for name, field in fields.items()}
+    values = {name: _values_of(field, *areas.fields[field]) for name, field in fields.items()}
     if len(faces[0]) == 0:
         raise InputError(f"{source}: found no area that a face of level {number} has {by}, expected some")
     if not described:
@@ -96,6 +100,16 @@ def _named(text: str) -> tuple[str, str]:
     return (name, field) if equals else (text.lower(), text)
 
 
+def _distinct(pairs: list[tuple[str, str]]) -> dict[str, str]:
+    """Columns and their fields; refuse two of one name."""
+    found: dict[str, str] = {}
+    for name, field in pairs:
+        if name in found:
+            raise InputError(f"columns: found fields {found[name]!r} and {field!r} for column {name}; give name=FIELD")
+        found[name] = field
+    return found
+
+
 def _kind_of(dtype: str) -> str:
     """Kind of the column for a type of GDAL."""
     if dtype == "datetime64[D]":
@@ -103,14 +117,30 @@ def _kind_of(dtype: str) -> str:
     return {"i": "integer", "u": "integer", "b": "integer", "f": "real"}.get(dtype[0], "text")
 
 
-def _values_of(dtype: str, values: NDArray[Any]) -> list[Any]:
-    """Values of a field; NULL is None, a point in time its text."""
+def _values_of(name: str, dtype: str, values: NDArray[Any]) -> list[Any]:
+    """Values of a field; NULL is None, a point in time its text, a list JSON.
+
+    Raises
+    ------
+    InputError
+        Whole numbers come as reals, beside NULL, and are too large to be sure of.
+    """
+    kind = _kind_of(dtype)
     is_time = values.dtype.kind == "M" and dtype != "datetime64[D]"
-    if is_time or (values.dtype.kind == "O" and _kind_of(dtype) == "text"):
-        return [None if value is None or value != value else str(value) for value in values]
+    if is_time or (values.dtype.kind == "O" and kind == "text"):
+        return [_text_of(value) for value in values]
     if values.dtype.kind == "M":
         values = values.astype("datetime64[D]")
+    if kind == "integer" and values.dtype.kind == "f" and (np.abs(values) >= EXACT).any():
+        raise InputError(f"field {name}: found whole numbers beyond 2^53 beside NULL, expected smaller ones or no NULL")
     return list(values.tolist())
+
+
+def _text_of(value: Any) -> str | None:
+    """Text of a value; None for NULL."""
+    if isinstance(value, list | tuple | np.ndarray):
+        return json.dumps(np.asarray(value, object).tolist(), default=str)
+    return None if value is None or value != value else str(value)
 
 
 def _on_faces(store: StoreReader, level: int, polygons: NDArray[Any], by: str) -> tuple[Ids, Ids, Floats]:
@@ -157,7 +187,12 @@ def _by_area(corners: Floats, polygons: NDArray[Any], by: str) -> tuple[Ids, Ids
     covered = np.bincount(face, share, len(triangles))[face]
     if by == "share":
         return face, polygon, share / np.maximum(covered, 1.0)
-    is_most = share >= 1.0 - covered
+    free = 1.0 - covered
+    for one in np.unique(face[(share >= free) & (share < 0.5)]):  # areas may overlap: what none covers may be more
+        some = polygon[face == one]
+        union = shapely.area(shapely.intersection(shapely.union_all(polygons[some]), triangles[one]))
+        free[face == one] = 1.0 - union / shapely.area(triangles[one])
+    is_most = share >= free
     face, polygon = _first_of(face[is_most], polygon[is_most], -share[is_most])
     return face, polygon, np.ones(len(face))
 

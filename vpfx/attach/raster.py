@@ -21,6 +21,7 @@ from vpfx.query.attributes import added_up
 from vpfx.query.location import locate
 from vpfx.store.classes import Column, check_name
 from vpfx.store.descent import mesh_of
+from vpfx.store.edit import recover
 from vpfx.store.reader import StoreReader, open_reader
 
 __all__ = ["attach_raster"]
@@ -28,6 +29,7 @@ __all__ = ["attach_raster"]
 Ids = NDArray[np.int64]
 Floats = NDArray[np.float64]
 
+EXACT = 2.0**53  # rasters in another CRS go through doubles
 MOST_CELLS = 1 << 22
 """Read at a time."""
 
@@ -67,6 +69,7 @@ def attach_raster(
     """
     check_if_there(if_there)
     check_name(class_name, "class")
+    recover(Path(path))
     check_name(column, "column")
     with open_reader(path) as store, gdal():
         number = store.level_or_finest(level)
@@ -162,8 +165,8 @@ def _at_centroids(store: StoreReader, level: int, raster: Any, band: int, known:
 
 def _whole(values: NDArray[Any]) -> Ids:
     """Values as whole numbers."""
-    wrong = values != np.floor(values) if values.dtype.kind == "f" else np.zeros(len(values), bool)
+    wrong = (values != np.floor(values)) | (np.abs(values.astype(np.float64)) >= EXACT)
     if wrong.any():
-        raise InputError(f"raster: found {values[wrong][0]:g}, expected classes: whole numbers")
+        raise InputError(f"raster: found {values[wrong][0]:g}, expected classes: whole numbers below 2^53")
     whole: Ids = values.astype(np.int64)
     return whole

@@ -13,6 +13,7 @@ from vpfx.errors import InputError
 from vpfx.model import Tin
 from vpfx.query.sql import answer_sql
 from vpfx.store.classes import Column, check_name
+from vpfx.store.edit import recover
 from vpfx.store.reader import open_reader
 
 __all__ = ["attach_function", "attach_sql"]
@@ -53,6 +54,7 @@ def attach_function(
     """
     check_if_there(if_there)
     check_name(class_name, "class")
+    recover(Path(path))
     with open_reader(path) as store:
         tin = store.tin(store.level_or_finest(level))
     values = np.asarray(function(tin))
@@ -93,6 +95,7 @@ def attach_sql(path: str | Path, class_name: str, question: str, *, if_there: st
     """
     check_if_there(if_there)
     check_name(class_name, "class")
+    recover(Path(path))
     answer = answer_sql(path, question)
     if answer.names[:1] != ("face_id",) or len(answer.names) < 2 or len(set(answer.names)) != len(answer.names):
         raise InputError(f"SQL: found columns {', '.join(answer.names)}; expected face_id, then the values")
@@ -100,10 +103,10 @@ def attach_sql(path: str | Path, class_name: str, question: str, *, if_there: st
         name: Column(kind_of(np.array([*(row[i] for row in answer.rows), None], object)))
         for i, name in enumerate(answer.names)
     }
-    if answer.rows and columns.pop("face_id").kind != "integer":
-        raise InputError("SQL: found face_id that is no whole number, expected ids of faces")
-    columns.pop("face_id", None)
+    del columns["face_id"]
     faces = [row[0] for row in answer.rows]
+    if not all(isinstance(face, int) for face in faces):
+        raise InputError("SQL: found a face_id that is NULL or no whole number, expected ids of faces")
     return _attach(Path(path), class_name, columns, faces, [row[1:] for row in answer.rows], if_there)
 
 

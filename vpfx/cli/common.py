@@ -35,6 +35,7 @@ __all__ = [
     "print_levels",
     "print_table",
     "progress",
+    "read_stdin",
 ]
 
 USAGE, FAILURE, INTERRUPTED = 2, 3, 130  # exit codes; 0 is good, 1 is for findings
@@ -81,6 +82,20 @@ def numbers(text: str, name: str, kind: type) -> tuple[Any, ...]:
     except ValueError:
         wanted = "whole numbers" if kind is int else "numbers"
         raise InputError(f"--{name}: found {text!r}, expected {wanted} between commas") from None
+
+
+def read_stdin() -> str:
+    """Text of stdin.
+
+    Raises
+    ------
+    InputError
+        It is no text.
+    """
+    try:
+        return sys.stdin.read()
+    except UnicodeDecodeError as error:
+        raise InputError(f"-: found bytes that are no text ({error.reason}), expected UTF-8") from None
 
 
 def given_options(values: Mapping[str, Any]) -> dict[str, Any]:

@@ -66,7 +66,7 @@ def read_polygon(store: Any, text: str | None, layer: str | None) -> Any:
     if WKT.match(text):
         try:
             return shapely.from_wkt(text)
-        except shapely.errors.ShapelyError as error:
+        except (shapely.errors.ShapelyError, NotImplementedError) as error:
             reason = " ".join(str(error).split())
             raise InputError(f"--polygon: found {text[:40]!r}, expected WKT ({reason})") from error
     try:

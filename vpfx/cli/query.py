@@ -4,13 +4,12 @@ from __future__ import annotations
 
 import json
 import math
-import sys
 from pathlib import Path
 from typing import Any
 
 import click
 
-from vpfx.cli.common import app, numbers
+from vpfx.cli.common import app, numbers, read_stdin
 from vpfx.errors import InputError, NotFoundError
 
 __all__ = ["at", "nearest", "profile", "query"]
@@ -133,7 +132,7 @@ def _or_none(value: float | None) -> Any:
 def _read_places(path: str) -> list[tuple[float, float]]:
     """Read places from a file, or from stdin."""
     if path == "-":
-        lines = sys.stdin.read().splitlines()
+        lines = read_stdin().splitlines()
     else:
         try:
             lines = Path(path).read_text(encoding="utf-8").splitlines()

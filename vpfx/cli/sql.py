@@ -7,7 +7,7 @@ from pathlib import Path
 
 import click
 
-from vpfx.cli.common import app
+from vpfx.cli.common import app, read_stdin
 from vpfx.cli.output import check_output, write_file
 from vpfx.errors import InputError
 
@@ -30,17 +30,22 @@ def sql(store: Path, question: str, form: str, output: Path | None, overwrite: b
 
     Example: vpfx sql n36.gpkg "SELECT level, face_count FROM level"
     """
-    from vpfx.query.sql import FORMATS, answer_sql
+    from vpfx.query.sql import FORMATS, Answer, answer_sql
 
     if form not in FORMATS:
         raise InputError(f"--format: found {form!r}, expected one of: {', '.join(FORMATS)}")
     check_output(output, overwrite, store)
-    answer = answer_sql(store, sys.stdin.read() if question == "-" else question, write=write)
-    text = FORMATS[form](answer)
-    if output is None:
+
+    def deliver(answer: Answer) -> None:
+        text = FORMATS[form](answer)
+        if output is not None:
+            write_file(output, text)
+            return
         sys.stdout.flush()
         sys.stdout.buffer.write(text) if form == "arrow" else sys.stdout.write(text.decode("utf-8", "replace"))
-    else:
-        write_file(output, text)
+        sys.stdout.flush()
+
+    asked = read_stdin() if question == "-" else question
+    answer = answer_sql(store, asked, write=write, deliver=deliver)
     if write:
         print(f"{store}: {answer.n_changed} rows changed", file=sys.stderr)

@@ -78,7 +78,7 @@ def _away(xy: Floats, tiles: dict[str, NDArray[Any]], k: int) -> Floats:
     """Distance of places from a tile, less what rounding may add."""
     dx = np.maximum(0.0, np.maximum(tiles["xmin"][k] - xy[:, 0], xy[:, 0] - tiles["xmax"][k]))
     dy = np.maximum(0.0, np.maximum(tiles["ymin"][k] - xy[:, 1], xy[:, 1] - tiles["ymax"][k]))
-    away: Floats = np.sqrt(dx * dx + dy * dy) * (1.0 - 4.0 * np.finfo(float).eps)
+    away: Floats = np.hypot(dx, dy) * (1.0 - 4.0 * np.finfo(float).eps)
     return away
 
 
@@ -94,9 +94,9 @@ def _ask_tile(
     nodes = np.stack([rows[axis] for axis in "xyz"], axis=1)
     at, node = shapely.STRtree(shapely.points(nodes[:, :2])).query_nearest(shapely.points(xy[some]), all_matches=True)
     at, away = some[at], nodes[node, :2] - xy[some[at]]
-    distance = np.sqrt((away * away).sum(axis=1))
+    distance = np.hypot(away[:, 0], away[:, 1])
     order = np.lexsort((node_ids[node], distance, at))
-    order = order[np.append(True, np.diff(at[order]) > 0)]
+    order = order[np.append(np.ones(min(1, len(order)), bool), np.diff(at[order]) > 0)]
     at, node, distance = at[order], node[order], distance[order]
     is_as_near = (distance == found.distance[at]) & (node_ids[node] < found.node_ids[at])
     better = (distance < found.distance[at]) | is_as_near

@@ -18,7 +18,7 @@ from typing import Any, NamedTuple
 
 from vpfx.errors import InputError, NotFoundError
 from vpfx.store.contents import check_schema
-from vpfx.store.edit import edit_store, told
+from vpfx.store.edit import BASE, edit_store, told
 
 __all__ = ["FORMATS", "Answer", "answer_sql", "to_arrow", "to_csv", "to_json", "to_table"]
 
@@ -41,6 +41,15 @@ ABOUT_FILE = {"application_id", "user_version", "page_size", "page_count", "free
               "integrity_check", "quick_check", "foreign_key_check", "compile_options", "database_list"}  # fmt: skip
 WRITABLE = {"value_description", "feature", "face_feature"}
 
+OF_FILE = {
+    sqlite3.SQLITE_BUSY,
+    sqlite3.SQLITE_LOCKED,
+    sqlite3.SQLITE_CORRUPT,
+    sqlite3.SQLITE_NOTADB,
+    sqlite3.SQLITE_IOERR,
+}
+"""Errors that are not of the question."""
+
 Authorizer = Callable[..., int]
 
 
@@ -62,7 +71,9 @@ class Answer(NamedTuple):
     n_changed: int = 0
 
 
-def answer_sql(path: str | Path, question: str, *, write: bool = False) -> Answer:
+def answer_sql(
+    path: str | Path, question: str, *, write: bool = False, deliver: Callable[[Answer], None] | None = None
+) -> Answer:
     """Put one SQL statement to a store.
 
     Parameters
@@ -72,6 +83,8 @@ def answer_sql(path: str | Path, question: str, *, write: bool = False) -> Answe
     question : str
     write : bool
         Whether rows of attributes may be changed; all or nothing.
+    deliver : callable, optional
+        Takes the answer before changes are kept: what it raises undoes them.
 
     Returns
     -------
@@ -93,9 +106,15 @@ def answer_sql(path: str | Path, question: str, *, write: bool = False) -> Answe
     path = Path(path)
     if not write:
         with _reading(path) as connection:
-            return _ask(connection, question, _guard(frozenset()))
+            answer = _ask(connection, question, _guard(frozenset()))
+        if deliver is not None:
+            deliver(answer)
+        return answer
     with edit_store(path) as editor:
-        return _ask(editor.connection, question, _guard(frozenset(WRITABLE | set(editor.classes))))
+        answer = _ask(editor.connection, question, _guard(frozenset(WRITABLE | set(editor.classes))))
+        if deliver is not None:
+            deliver(answer)
+        return answer
 
 
 @contextmanager
@@ -146,7 +165,7 @@ def _ask(connection: sqlite3.Connection, question: str, guard: Authorizer) -> An
         text = str(error)
         if text == "interrupted":
             raise KeyboardInterrupt from error
-        if "locked" in text or "malformed" in text:
+        if getattr(error, "sqlite_errorcode", sqlite3.SQLITE_ERROR) & BASE in OF_FILE:
             raise
         if "not authorized" in text or "prohibited" in text:
             text = f"{text}: a question may read, and with --write change rows of attributes"

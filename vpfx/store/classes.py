@@ -89,10 +89,14 @@ def check_name(name: Any, what: str) -> str:
     trial = sqlite3.connect(":memory:")
     try:
         trial.execute(f'CREATE TABLE {name} ("0" INTEGER PRIMARY KEY, {name} TEXT)')
+        trial.execute(f"INSERT INTO {name} VALUES (1, 'x')")
+        is_good = trial.execute(f"SELECT {name} FROM {name}").fetchone() == ("x",)  # current_date is no column
     except sqlite3.Error:
-        raise InputError(f"{what}: found {name!r}, a word of SQL; give another name") from None
+        is_good = False
     finally:
         trial.close()
+    if not is_good:
+        raise InputError(f"{what}: found {name!r}, a word of SQL; give another name")
     return name
 
 

@@ -18,9 +18,15 @@ from vpfx.store.ddl import schema_sql
 from vpfx.store.geopackage import APPLICATION_ID
 from vpfx.store.summary import LevelSummary
 
-__all__ = ["FORMAT_VERSION", "check_schema", "read_extent", "read_levels", "read_metadata"]
+__all__ = ["FORMAT_VERSION", "INTERRUPTED", "check_schema", "read_extent", "read_levels", "read_metadata"]
 
 FORMAT_VERSION = "0.1"
+
+INTERRUPTED = (
+    "found a change that was interrupted, which waits to be undone; open it for writing once: "
+    'vpfx sql STORE "SELECT 1" --write'
+)
+"""What to tell of a hot journal."""
 MOST_CHARACTERS = 1 << 20  # of one metadata value
 
 _NUMBER = (int, float)

@@ -7,7 +7,8 @@ from __future__ import annotations
 
 import sqlite3
 from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
+from itertools import count
 from pathlib import Path
 from typing import Any
 
@@ -27,11 +28,11 @@ from vpfx.store.classes import (
     read_classes,
     stored,
 )
-from vpfx.store.contents import check_schema
+from vpfx.store.contents import INTERRUPTED, check_schema
 from vpfx.store.geopackage import register_class, unregister_class
 from vpfx.store.mapping import unmapped
 
-__all__ = ["Editor", "Savepoint", "edit_store", "told"]
+__all__ = ["BASE", "Editor", "Savepoint", "edit_store", "recover", "told"]
 
 Ids = NDArray[np.int64]
 
@@ -40,6 +41,9 @@ BUSY_SECONDS = 5.0
 
 ABOVE_ONE = 1e-9
 """By how much shares may add up to more than 1: they are sums of areas."""
+
+BASE = 0xFF
+"""Bits of an error code of SQLite that say of which kind it is."""
 
 MOST_CACHE = -(1 << 20)
 """KiB of pages held in memory, so that none is written before the end: SQLite would lock readers out from then on."""
@@ -102,12 +106,14 @@ def edit_store(path: str | Path) -> Iterator[Editor]:
 
 def told(error: sqlite3.DatabaseError, path: Path) -> Exception:
     """Return what SQLite refused as an error of vpfx that says what to do."""
-    text = str(error)
-    if "locked" in text:
+    text, code = str(error), getattr(error, "sqlite_errorcode", sqlite3.SQLITE_ERROR)
+    if code == sqlite3.SQLITE_READONLY_ROLLBACK:
+        return StoreError(f"{path}: {INTERRUPTED}")
+    if code & BASE in (sqlite3.SQLITE_BUSY, sqlite3.SQLITE_LOCKED):
         return StoreError(f"{path}: is locked: somebody else writes or reads; nothing was changed, try again later")
-    if "readonly" in text or "unable to open" in text:
+    if code & BASE in (sqlite3.SQLITE_READONLY, sqlite3.SQLITE_CANTOPEN):
         return StoreError(f"{path}: cannot be written: {text}; allow writing to the file and its folder")
-    if "not a database" in text:
+    if code & BASE == sqlite3.SQLITE_NOTADB:
         return StoreFormatError(str(path), "", "found no SQLite database, expected a store made by vpfx build")
     if isinstance(error, sqlite3.IntegrityError):
         return InputError(f"{path}: {text}; nothing was changed")
@@ -116,14 +122,37 @@ def told(error: sqlite3.DatabaseError, path: Path) -> Exception:
     return StoreFormatError(str(path), "", f"found a damaged database ({text}), expected a store made by vpfx build")
 
 
+def recover(path: Path) -> None:
+    """Undo what a writer that was killed left half done, if there is such; else do nothing.
+
+    SQLite does so by itself when the file is opened for writing; one that only reads cannot.
+    """
+    if not path.with_name(f"{path.name}-journal").exists():
+        return
+    with closing(sqlite3.connect(f"{path.absolute().as_uri()}?mode=rw", uri=True, isolation_level=None)) as connection:
+        try:
+            connection.execute("SELECT 1 FROM sqlite_schema LIMIT 1").fetchone()
+        except sqlite3.DatabaseError as error:
+            raise told(error, path) from error
+
+
 class Savepoint:
     """A state that can be returned to; made by `Editor.savepoint`."""
 
-    def __init__(self, connection: sqlite3.Connection, name: str) -> None:
-        self._connection, self._name = connection, name
+    def __init__(self, connection: sqlite3.Connection, name: str, is_open: list[str]) -> None:
+        self._connection, self._name, self._open = connection, name, is_open
 
     def undo(self) -> None:
-        """Undo everything since the savepoint; it stays, so more can be done and undone."""
+        """Undo everything since the savepoint, those inside it too; it stays, so more can be done and undone.
+
+        Raises
+        ------
+        InputError
+            Its block is over.
+        """
+        if self._name not in self._open:
+            raise InputError("savepoint: found one whose block is over, expected to undo within it")
+        del self._open[self._open.index(self._name) + 1 :]
         self._connection.execute(f"ROLLBACK TO {self._name}")
 
 
@@ -139,7 +168,8 @@ class Editor:
     """
 
     def __init__(self, connection: sqlite3.Connection, path: Path) -> None:
-        self.path, self.connection, self._depth = path, connection, 0
+        self.path, self.connection = path, connection
+        self._numbers, self._open = count(1), list[str]()
 
     @property
     def classes(self) -> dict[str, FeatureClass]:
@@ -149,19 +179,20 @@ class Editor:
     @contextmanager
     def savepoint(self) -> Iterator[Savepoint]:
         """Surround steps that are undone together, by `Savepoint.undo` or an exception; may stand inside another."""
-        self._depth += 1
-        name = f"edit_{self._depth}"
+        name = f"edit_{next(self._numbers)}"
         self.connection.execute(f"SAVEPOINT {name}")
+        self._open.append(name)
         try:
-            yield Savepoint(self.connection, name)
+            yield Savepoint(self.connection, name, self._open)
         except BaseException:
-            if self.connection.in_transaction:  # else SQLite itself has undone all
+            if self.connection.in_transaction and name in self._open:  # else it is undone already
                 self.connection.execute(f"ROLLBACK TO {name}")
             raise
         finally:
-            self._depth -= 1
-            if self.connection.in_transaction:
-                self.connection.execute(f"RELEASE {name}")
+            if name in self._open:
+                del self._open[self._open.index(name) :]
+                if self.connection.in_transaction:
+                    self.connection.execute(f"RELEASE {name}")
 
     def create_class(self, name: str, columns: Mapping[str, str | Column], description: str = "") -> FeatureClass:
         """Make a feature class and its table.
