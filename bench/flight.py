@@ -43,30 +43,39 @@ def view(tin: Tin, eye: np.ndarray, heading: float, metres: tuple[float, float],
     ahead = np.array([math.sin(heading) * math.cos(PITCH), math.cos(heading) * math.cos(PITCH), math.sin(PITCH)])
     right = np.array([math.cos(heading), -math.sin(heading), 0.0])
     up = np.cross(right, ahead)
-    depth = place @ ahead
-    focal = HEIGHT / 2 / math.tan(math.radians(FOV) / 2)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        screen = np.stack(
-            [WIDTH / 2 + focal * (place @ right) / depth, HEIGHT / 2 + focal * (place @ up) / depth], axis=1
-        )
+    seen = np.stack([place @ right, place @ up, place @ ahead], axis=1)[
+        tin.face_nodes
+    ]  # right, up and ahead of the eye
     corner = place[tin.face_nodes]
-    is_seen = (depth[tin.face_nodes] > NEAREST).all(axis=1)
     normal = np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0])
     light = np.clip((normal @ LIGHT) / np.linalg.norm(normal, axis=1) / np.linalg.norm(LIGHT), 0.15, 1.0)
     level = tin.face_attributes["level"] / max(1, n_level - 1)
     colour = (0.35 * TINTS(level)[:, :3] + 0.65) * light[:, None]
-    order = np.flatnonzero(is_seen)[np.argsort(-depth[tin.face_nodes].mean(axis=1)[is_seen])]
+    is_ahead = (seen[..., 2] > NEAREST).any(axis=1)
+    order = np.flatnonzero(is_ahead)[np.argsort(-seen[is_ahead, :, 2].mean(axis=1))]
+    polygons = [on_screen(face) for face in seen[order]]
     figure = plt.figure(figsize=(WIDTH / 100, HEIGHT / 100), dpi=100)
     axes = figure.add_axes((0, 0, 1, 1), xlim=(0, WIDTH), ylim=(0, HEIGHT), facecolor=CRACK)
-    axes.add_collection(
-        PolyCollection(screen[tin.face_nodes][order], facecolors=colour[order], edgecolors="none", antialiased=False)
-    )
+    axes.add_collection(PolyCollection(polygons, facecolors=colour[order], edgecolors="none", antialiased=False))
     axes.axis("off")
     figure.patch.set_facecolor(CRACK)
     figure.canvas.draw()
     pixels = np.asarray(figure.canvas.buffer_rgba())[..., :3].copy()
     plt.close(figure)
     return pixels
+
+
+def on_screen(face: np.ndarray) -> np.ndarray:
+    """Pixels of the corners of a face, cut off just before the eye."""
+    focal = HEIGHT / 2 / math.tan(math.radians(FOV) / 2)
+    kept = []
+    for a, b in zip(face, np.roll(face, -1, axis=0), strict=True):
+        if a[2] >= NEAREST:
+            kept.append(a)
+        if (a[2] < NEAREST) != (b[2] < NEAREST):
+            kept.append(a + (NEAREST - a[2]) / (b[2] - a[2]) * (b - a))
+    corners = np.array(kept)
+    return np.array([WIDTH / 2, HEIGHT / 2]) + focal * corners[:, :2] / corners[:, 2:]
 
 
 def cracks(pixels: np.ndarray) -> int:
