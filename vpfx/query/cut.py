@@ -57,16 +57,15 @@ class _Nodes:
         self.height, self.weight = np.empty(0), np.empty(0)
         self._order = np.empty(0, np.int64)
 
-    def add(self, corners: Ids) -> None:
-        """Read the nodes that are not known yet."""
-        rows = self._store.fetch("node", np.setdiff1d(corners, self.ids))
-        self.rows = {name: np.concatenate([self.rows[name], rows[name]]) for name in rows}
-        self.ids = self.rows["node_id"]
-        self._order = np.argsort(self.ids, kind="stable")
-
     def index(self, corners: Ids) -> NDArray[np.int32]:
-        """Places of known nodes."""
-        at, _ = look_up(self.ids[self._order], corners)
+        """Places of nodes; those that are not known yet are read."""
+        at, is_known = look_up(self.ids[self._order], corners)
+        if not is_known.all():
+            rows = self._store.fetch("node", np.unique(corners[~is_known]))
+            self.rows = {name: np.concatenate([self.rows[name], rows[name]]) for name in rows}
+            self.ids = self.rows["node_id"]
+            self._order = np.argsort(self.ids, kind="stable")
+            at, _ = look_up(self.ids[self._order], corners)
         return self._order[at].astype(np.int32)
 
     def xyz(self, z: Floats | None = None) -> Floats:
@@ -228,7 +227,6 @@ def _first_level(store: StoreReader, nodes: _Nodes, bbox: Any) -> _Faces:
 def _faces_of(rows: dict[str, NDArray[Any]], nodes: _Nodes) -> _Faces:
     """Faces of rows of the table `face`, whose nodes become known; of errors nothing is known yet."""
     corners = np.stack([rows[f"node_{i}"] for i in (1, 2, 3)], axis=1)
-    nodes.add(np.unique(corners))
     nothing = np.zeros(len(corners))
     return _Faces(
         rows["face_id"], rows["tile_id"], nodes.index(corners), rows["is_filled"].astype(bool), nothing, nothing

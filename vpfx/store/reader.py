@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from vpfx.errors import InputError, NotFoundError, StoreError, StoreFormatError
 from vpfx.model import CUTS, Extent, Tin
-from vpfx.store.arrays import NONE_ID, TableReader, look_up, runs_of, to_array
+from vpfx.store.arrays import NONE_ID, TableReader, runs_of, to_array
 from vpfx.store.classes import FeatureClass, read_classes
 from vpfx.store.contents import INTERRUPTED, check_schema, read_extent, read_levels, read_metadata
 from vpfx.store.descent import descend, mesh_of
@@ -211,12 +211,13 @@ class StoreReader:
         """
         if table not in _RANGED:
             raise InputError(f"table: found {table!r}, expected one of: {', '.join(_RANGED)}")
-        wanted, index = np.unique(np.asarray(ids, np.int64).ravel(), return_inverse=True)
+        wanted, index = np.asarray(ids, np.int64).ravel(), None
+        if (wanted[1:] <= wanted[:-1]).any():
+            wanted, index = np.unique(wanted, return_inverse=True)
         rows = self._reader.rows(table, runs_of(wanted))
-        at, is_there = look_up(rows[f"{table}_id"], wanted)
-        if not is_there.all():
-            raise NotFoundError(f"{self.path}: found no {table} {wanted[~is_there][0]}")
-        return {name: values[at[index]] for name, values in rows.items()}
+        if len(rows[f"{table}_id"]) < len(wanted):
+            raise NotFoundError(f"{self.path}: found no {table} {np.setdiff1d(wanted, rows[f'{table}_id'])[0]}")
+        return rows if index is None else {name: values[index] for name, values in rows.items()}
 
     def links(self, level: int) -> NDArray[np.int64]:
         """Pairs (parent_face, child_face) from the level before to this one, in the order of children."""
