@@ -82,7 +82,7 @@ class TableReader:
             A page or a record is broken, or holds a value of another kind.
         """
         lows, highs = _limits(runs)
-        with self._held() as data:
+        with self._held_bytes() as data:
             columns = self._columns_of(table)
             if data is None:
                 return self._by_sql(table, columns, runs)
@@ -124,7 +124,7 @@ class TableReader:
         index, other = LINKS[own]
         query = f"SELECT {own}, {other} FROM parent_child WHERE {own} BETWEEN ? AND ? ORDER BY {own}, {other}"
         lows, highs = _limits(runs)
-        with self._held() as data:
+        with self._held_bytes() as data:
             if data is None:
                 rows = [row for run in runs for row in self._connection.execute(query, run)]
                 return self._whole_numbers(rows, "parent_child")
@@ -153,7 +153,7 @@ class TableReader:
         return self._columns[table]
 
     @contextmanager
-    def _held(self) -> Iterator[NDArray[np.uint8] | None]:
+    def _held_bytes(self) -> Iterator[NDArray[np.uint8] | None]:
         """Give the pages as no writer changes them, or None where SQL has to read them."""
         _warm()
         if self._connection.in_transaction:  # no new mapping: closing its handle would drop the lock that is held
