@@ -194,8 +194,7 @@ def cut(
     if isinstance(need, Eye):
         need = replace(need, slab=_slab(store, nodes))
     faces = faces._replace(tolerance=need.tolerance(nodes.xyz()[faces.nodes]))
-    is_sudden = error is not None and growth == math.inf
-    ladder = _ladder(store, share, is_sudden)
+    ladder = _ladder(store, share, is_sudden=error is not None and growth == math.inf)
     found = []
     for level in range(len(store.levels) - 1):
         is_refined, refined = _refine(store, nodes, faces, level, need, ladder)
@@ -206,20 +205,18 @@ def cut(
 
 def _check_nested(store: StoreReader) -> None:
     """Refuse stores in which a face is not covered by its children, edge by edge."""
-    for table, found in (("shared_area", "levels that are not nested"), ("t_junction", "T-junctions in its levels")):
-        if len(store.select(f"SELECT 1 AS row FROM {table} LIMIT 1")["row"]):
-            method = store.metadata["method"]
-            raise InputError(
-                f"{store.path}: found {found} (method {method}), expected a nested method that keeps faces adjacent"
-            )
+    has_junctions = len(store.select("SELECT 1 AS row FROM t_junction LIMIT 1")["row"]) > 0
+    if has_junctions or not store.is_nested:
+        found = "T-junctions in its levels" if has_junctions else "levels that are not nested"
+        method = store.metadata["method"]
+        raise InputError(
+            f"{store.path}: found {found} (method {method}), expected a nested method that keeps faces adjacent"
+        )
 
 
 def _first_level(store: StoreReader, nodes: _Nodes, bbox: Any) -> _Faces:
     """Read level 0."""
-    parts = [store.tile_faces(0, tile_id) for tile_id in store.tiles(bbox)["tile_id"].tolist()]
-    parts = parts or [store.fetch("face", [])]
-    rows = {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
-    faces = _faces_of(rows, nodes)
+    faces = _faces_of(store.faces_of_tiles(0, store.tiles(bbox)["tile_id"]), nodes)
     nodes.height, nodes.weight = nodes.rows["z"].copy(), np.ones(len(nodes.ids))
     return faces._replace(max_error=np.full(len(faces.ids), store.levels[0].max_error))
 
@@ -246,9 +243,9 @@ def _ladder(store: StoreReader, morph: float, is_sudden: bool) -> _Ladder:
     Sudden tolerances have one value and no other but infinity, so no new node is ever on its way where it holds.
     """
     error = np.array([line.max_error for line in store.levels])
-    floor, most = np.zeros((2, len(error) - 1))
     if is_sudden:
         return _Ladder(error, error[:-1], error[:-1], 0.0)
+    floor, most = np.zeros((2, len(error) - 1))
     for step in reversed(range(len(error) - 1)):
         rise = store.levels[step + 1].max_rise or 0.0
         floor[step] = max(error[step], (1.0 + morph) * most[step + 1]) if step + 1 < len(floor) else error[step]

@@ -17,8 +17,8 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from vpfx.errors import InputError, NotFoundError
-from vpfx.store.contents import check_schema
-from vpfx.store.edit import BASE, edit_store, told
+from vpfx.store.contents import check_schema, error_kind
+from vpfx.store.edit import edit_store, told
 
 __all__ = ["FORMATS", "Answer", "answer_sql", "to_arrow", "to_csv", "to_json", "to_table"]
 
@@ -165,7 +165,7 @@ def _ask(connection: sqlite3.Connection, question: str, guard: Authorizer) -> An
         text = str(error)
         if text == "interrupted":
             raise KeyboardInterrupt from error
-        if getattr(error, "sqlite_errorcode", sqlite3.SQLITE_ERROR) & BASE in OF_FILE:
+        if error_kind(error) in OF_FILE:
             raise
         if "not authorized" in text or "prohibited" in text:
             text = f"{text}: a question may read, and with --write change rows of attributes"

@@ -18,7 +18,16 @@ from vpfx.store.ddl import schema_sql
 from vpfx.store.geopackage import APPLICATION_ID
 from vpfx.store.summary import LevelSummary
 
-__all__ = ["FORMAT_VERSION", "INTERRUPTED", "check_schema", "read_extent", "read_levels", "read_metadata"]
+__all__ = [
+    "FORMAT_VERSION",
+    "INTERRUPTED",
+    "check_schema",
+    "error_code",
+    "error_kind",
+    "read_extent",
+    "read_levels",
+    "read_metadata",
+]
 
 FORMAT_VERSION = "0.1"
 
@@ -36,6 +45,16 @@ _METADATA: dict[str, type | tuple[type, ...]] = {
     "options": dict, "seed": int, "lattice": dict, "posts": int, "void_posts": int, "isolated_posts": int,
     "area_m2": _NUMBER, "void_area_m2": _NUMBER,
 }  # fmt: skip
+
+
+def error_code(error: Exception) -> int:
+    """Extended code of what SQLite refused; its general error where there is none."""
+    return int(getattr(error, "sqlite_errorcode", sqlite3.SQLITE_ERROR))
+
+
+def error_kind(error: Exception) -> int:
+    """Primary code of what SQLite refused: the last eight bits of the extended one."""
+    return error_code(error) & 0xFF
 
 
 def check_schema(connection: sqlite3.Connection, path: Path) -> None:

@@ -28,11 +28,11 @@ from vpfx.store.classes import (
     read_classes,
     stored,
 )
-from vpfx.store.contents import INTERRUPTED, check_schema
+from vpfx.store.contents import INTERRUPTED, check_schema, error_code, error_kind
 from vpfx.store.geopackage import register_class, unregister_class
 from vpfx.store.mapping import unmapped
 
-__all__ = ["BASE", "Editor", "Savepoint", "edit_store", "recover", "told"]
+__all__ = ["Editor", "Savepoint", "edit_store", "recover", "told"]
 
 Ids = NDArray[np.int64]
 
@@ -41,9 +41,6 @@ BUSY_SECONDS = 5.0
 
 ABOVE_ONE = 1e-9
 """By how much shares may add up to more than 1: they are sums of areas."""
-
-BASE = 0xFF
-"""Bits of an error code of SQLite that say of which kind it is."""
 
 MOST_CACHE = -(1 << 20)
 """KiB of pages held in memory, so that none is written before the end: SQLite would lock readers out from then on."""
@@ -106,14 +103,14 @@ def edit_store(path: str | Path) -> Iterator[Editor]:
 
 def told(error: sqlite3.DatabaseError, path: Path) -> Exception:
     """Return what SQLite refused as an error of vpfx that says what to do."""
-    text, code = str(error), getattr(error, "sqlite_errorcode", sqlite3.SQLITE_ERROR)
-    if code == sqlite3.SQLITE_READONLY_ROLLBACK:
+    text, kind = str(error), error_kind(error)
+    if error_code(error) == sqlite3.SQLITE_READONLY_ROLLBACK:
         return StoreError(f"{path}: {INTERRUPTED}")
-    if code & BASE in (sqlite3.SQLITE_BUSY, sqlite3.SQLITE_LOCKED):
+    if kind in (sqlite3.SQLITE_BUSY, sqlite3.SQLITE_LOCKED):
         return StoreError(f"{path}: is locked: somebody else writes or reads; nothing was changed, try again later")
-    if code & BASE in (sqlite3.SQLITE_READONLY, sqlite3.SQLITE_CANTOPEN):
+    if kind in (sqlite3.SQLITE_READONLY, sqlite3.SQLITE_CANTOPEN):
         return StoreError(f"{path}: cannot be written: {text}; allow writing to the file and its folder")
-    if code & BASE == sqlite3.SQLITE_NOTADB:
+    if kind == sqlite3.SQLITE_NOTADB:
         return StoreFormatError(str(path), "", "found no SQLite database, expected a store made by vpfx build")
     if isinstance(error, sqlite3.IntegrityError):
         return InputError(f"{path}: {text}; nothing was changed")

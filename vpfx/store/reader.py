@@ -20,7 +20,15 @@ from vpfx.errors import InputError, NotFoundError, StoreError, StoreFormatError
 from vpfx.model import CUTS, Extent, Tin
 from vpfx.store.arrays import NONE_ID, TableReader, runs_of, to_array
 from vpfx.store.classes import FeatureClass, read_classes
-from vpfx.store.contents import INTERRUPTED, check_schema, read_extent, read_levels, read_metadata
+from vpfx.store.contents import (
+    INTERRUPTED,
+    check_schema,
+    error_code,
+    error_kind,
+    read_extent,
+    read_levels,
+    read_metadata,
+)
 from vpfx.store.descent import descend, mesh_of
 from vpfx.store.digest import REALS
 from vpfx.store.mapping import key_of
@@ -80,10 +88,9 @@ class StoreReader:
             self._recent = Recent()
         except (sqlite3.DatabaseError, UnicodeDecodeError) as error:
             self.close()
-            code = getattr(error, "sqlite_errorcode", sqlite3.SQLITE_ERROR)
-            if code == sqlite3.SQLITE_READONLY_ROLLBACK:
+            if error_code(error) == sqlite3.SQLITE_READONLY_ROLLBACK:
                 raise StoreError(f"{path}: {INTERRUPTED}") from error
-            if code & 0xFF in (sqlite3.SQLITE_BUSY, sqlite3.SQLITE_LOCKED):
+            if error_kind(error) in (sqlite3.SQLITE_BUSY, sqlite3.SQLITE_LOCKED):
                 raise StoreError(f"{path}: cannot be read: {error}; somebody is writing, try again") from error
             reason = "no SQLite database" if "not a database" in str(error) else f"a damaged database ({error})"
             raise StoreFormatError(str(path), "", f"found {reason}, expected a store made by vpfx build") from error
