@@ -19,7 +19,7 @@ LAYERS = (
     {"registry", "model", "checks"},
     {"geometry"},
     {"topology"},
-    {"dem", "methods", "store", "mesh_files"},  # these do not know each other
+    {"dem", "methods", "store", "mesh_files", "vpf"},  # these do not know each other
     {"features", "patches", "measures", "query"},
     {"pipeline", "report", "table_2", "attach"},
     {"compare", "plot"},
