@@ -266,7 +266,7 @@ def target(request, tmp_path):
 
 
 @pytest.mark.parametrize("error", [KeyboardInterrupt, MemoryError, InputError, OSError])
-@pytest.mark.parametrize("method", ["add", "_write_borders", "_write_contents", "_publish"])
+@pytest.mark.parametrize("method", ["add", "_write_borders", "_write_tiles", "_publish"])
 def test_errors_leave_nothing(target, monkeypatch, method, error):
     calls = []
     real = getattr(StoreWriter, method)

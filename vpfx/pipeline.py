@@ -9,8 +9,9 @@ from collections import deque
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -20,17 +21,18 @@ from vpfx.dem import Dem, open_dem
 from vpfx.errors import InputError
 from vpfx.features import Features, lines_in_posts, read_features
 from vpfx.methods import METHODS, Method, Patch, check_features, checked_options
-from vpfx.model import Grid, Hierarchy
+from vpfx.model import CUTS, Grid, Hierarchy
 from vpfx.patches import Ground, PatchReader
 from vpfx.registry import pick
-from vpfx.store.rows import Place
-from vpfx.store.summary import LevelSummary
-from vpfx.store.tiles import DEFAULT_TILE_SIZE, Tile, Tiling
+from vpfx.store.mesh import TileMesh, tile_mesh
+from vpfx.store.summary import LevelSummary, LevelTotals
+from vpfx.store.tiles import DEFAULT_TILE_SIZE, Place, Tile, Tiling
 from vpfx.store.writer import StoreWriter, check_target
 
 __all__ = ["BuildReport", "build", "build_hierarchy"]
 
 Progress = Callable[[int, int], None]
+Result = TypeVar("Result")
 LEAST_BOUND, MOST_BOUND = 1e-3, 1e5  # metres: where that search starts
 BUDGET_SHARE = 1e-3  # it ends when the bound is known to this share of itself
 NO_FEATURES = Features((), ())
@@ -146,9 +148,8 @@ def build(
     check_target(Path(output), overwrite)
     with open_dem(paths, **(dem_options or {})) as dem:
         found = read_features(features, dem.crs, dem.extent, **(feature_options or {})) if features else NO_FEATURES
-        if Path(output).exists() and any(
-            os.path.samefile(source.path, output) for source in (*dem.sources, *found.sources)
-        ):
+        every = sorted((*dem.sources, *found.sources), key=lambda source: source.name)
+        if Path(output).exists() and any(os.path.samefile(source.path, output) for source in every):
             raise InputError(f"output: found {output}, which is one of the files read; give another name")
         lines = lines_in_posts(found.lines, dem.x0, dem.y0, dem.dx, dem.dy)
         if budgets is not None:
@@ -157,18 +158,19 @@ def build(
         place = Place(dem.x0, dem.y0, dem.dx, dem.dy)
         with StoreWriter(Path(output), tiling, place, dem.crs, overwrite) as writer:
             reader = PatchReader(dem, tiling, part, chosen, fill, seed, lines=lines)
-            for tile, patch, hierarchy in _built(reader, tiling, part, chosen, n_worker):
-                writer.add(tile, hierarchy, patch.post_metres)
+            measured = _Measured(tiling.n_level)
+            work = partial(_build_tile, part, chosen, place)
+            for done, (hierarchy, mesh) in enumerate(_each_tile(reader, tiling, n_worker, work), 1):
+                writer.add(mesh)
+                measured.add(hierarchy)
                 if progress:
-                    progress(tile.number + 1, tiling.n_tile)
+                    progress(done, tiling.n_tile)
             _check_ground(reader.ground, fill)
-            bounds = list(chosen["max_error"]) if chosen.get("max_error") is not None else [None] * tiling.n_level
             names = [source.name for source in found.sources] or None
             given = {"max_faces": budgets, "features": names, "feature_options": dict(feature_options or {}) or None}
             metadata = _metadata(dem, part, chosen | given, tiling.tile_size, fill, seed, reader.ground)
-            every = sorted((*dem.sources, *found.sources), key=lambda source: source.name)
             sources = [(source.name, source.sha256, source.n_byte, source.driver) for source in every]
-            levels = writer.finish(bounds, metadata, sources)
+            levels = writer.finish(measured.totals(chosen.get("max_error")), metadata, sources)
     return BuildReport(Path(output), tuple(levels), reader.ground, tiling.n_tile, time.perf_counter() - start)
 
 
@@ -233,21 +235,55 @@ class _GridDem:
         return self._grid.post_metres
 
 
-def _built(
-    reader: PatchReader, tiling: Tiling, method: Method, options: Mapping[str, Any], n_worker: int
-) -> Iterator[tuple[Tile, Patch, Hierarchy]]:
-    """Tiles in order with their hierarchies, built by threads; a few are under way at once."""
-    tiles = [tiling.tile(index) for index in range(tiling.n_tile)]
+class _Measured:
+    """What methods have measured on each level, summed up over tiles."""
+
+    def __init__(self, n_level: int) -> None:
+        self._worst = np.zeros(n_level)
+        self._squares = np.zeros(n_level)
+        self._posts = np.zeros(n_level, np.int64)
+        self._rise = np.full(n_level, np.nan)  # greatest distance of a new node from the level before
+        self._cuts = np.zeros((n_level, len(CUTS)), np.int64)
+
+    def add(self, hierarchy: Hierarchy) -> None:
+        """Take one more tile."""
+        np.maximum(self._worst, hierarchy.max_error, out=self._worst)
+        self._squares += hierarchy.squared_error
+        self._posts += hierarchy.n_post
+        self._cuts += hierarchy.cuts
+        np.fmax.at(self._rise, hierarchy.node_level, np.abs(hierarchy.nodes[:, 2] - hierarchy.node_z_parent))
+
+    def totals(self, bounds: Sequence[float] | None) -> list[LevelTotals]:
+        """Return the totals of each level, whose bounds are given if there are any."""
+        rmse = (self._squares / np.maximum(self._posts, 1)) ** 0.5
+        columns = zip(self._worst.tolist(), rmse.tolist(), self._rise.tolist(), self._posts.tolist(), strict=True)
+        return [
+            LevelTotals(bounds[level] if bounds is not None else None, worst, root, None if rise != rise else rise, n,
+                        tuple(self._cuts[level].tolist()))
+            for level, (worst, root, rise, n) in enumerate(columns)
+        ]  # fmt: skip
+
+
+def _build_tile(
+    method: Method, options: Mapping[str, Any], place: Place, tile: Tile, patch: Patch
+) -> tuple[Hierarchy, TileMesh]:
+    """Build one tile."""
+    hierarchy = method.build(patch, options)
+    return hierarchy, tile_mesh(hierarchy, tile, place, patch.post_metres)
+
+
+def _each_tile(
+    reader: PatchReader, tiling: Tiling, n_worker: int, work: Callable[[Tile, Patch], Result]
+) -> Iterator[Result]:
+    """Yield what threads have made of the tiles, in order; a few are under way at once."""
     with ThreadPoolExecutor(n_worker) as pool:
-        under_way: deque[tuple[Tile, Patch, Future[Hierarchy]]] = deque()
-        for tile in tiles:
-            patch = reader.read(tile)
-            under_way.append((tile, patch, pool.submit(method.build, patch, options)))
+        under_way: deque[Future[Result]] = deque()
+        for tile in map(tiling.tile, range(tiling.n_tile)):
+            under_way.append(pool.submit(work, tile, reader.read(tile)))
             if len(under_way) > n_worker:
-                first, its_patch, result = under_way.popleft()
-                yield first, its_patch, result.result()
-        for first, its_patch, result in under_way:
-            yield first, its_patch, result.result()
+                yield under_way.popleft().result()
+        for result in under_way:
+            yield result.result()
 
 
 def _check_ground(ground: Ground, fill: bool) -> None:
@@ -283,7 +319,11 @@ def _fit_budget(
         chosen = {**options, "max_error": bounds}
         tiling = _tiling(dem, method, tile_size, len(bounds))
         reader = PatchReader(dem, tiling, method, chosen, fill, seed, has_more, lines)
-        count = sum(h.tin(len(bounds) - 1).n_face for _, _, h in _built(reader, tiling, method, chosen, n_worker))
+
+        def work(_: Tile, patch: Patch) -> int:
+            return len(method.build(patch, chosen).level_faces[-1])
+
+        count = sum(_each_tile(reader, tiling, n_worker, work))
         _check_ground(reader.ground, fill)
         return count
 

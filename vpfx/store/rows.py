@@ -1,4 +1,4 @@
-"""Tile hierarchies ⇄ rows: the only place where 0-based indices and 1-based ids meet.
+"""Meshes of tiles → rows: the only place where 0-based indices and 1-based ids meet.
 
 `tile_rows` gives the rows of one tile, complete but for what only both sides of a border know; `border_rows` gives the
 rest once all tiles are done (specs/format.md R-150 … R-180).
@@ -15,25 +15,15 @@ from numba import njit
 from numpy.typing import NDArray
 
 from vpfx.errors import InvariantError
-from vpfx.geometry import face_slopes
-from vpfx.model import Hierarchy
+from vpfx.store.mesh import LevelMesh, TileMesh, TJunctions
 from vpfx.store.records import NULL_INT
 from vpfx.store.tiles import EAST, NORTH, SOUTH, WEST, Tile, Tiling
-from vpfx.topology import find_t_junctions, find_twins, outside_links
+from vpfx.topology import find_twins, outside_links
 
-__all__ = ["FirstIds", "LevelRows", "NodeRows", "Place", "TileRows", "border_rows", "tile_rows"]
+__all__ = ["FirstIds", "LevelRows", "NodeRows", "TileRows", "border_rows", "tile_rows"]
 
 Ids = NDArray[np.int64]
 Table = tuple[NDArray[Any], ...]
-
-
-class Place(NamedTuple):
-    """Where posts lie: post (row, col) at x0 + dx·col, y0 + dy·row, CRS units."""
-
-    x0: float
-    y0: float
-    dx: float
-    dy: float
 
 
 class FirstIds(NamedTuple):
@@ -119,62 +109,44 @@ class _TileNodes:
     u: NDArray[np.float64]
     v: NDArray[np.float64]
     n_shared_id: int
-    post_area: float
 
 
-def tile_rows(
-    hierarchy: Hierarchy, tile: Tile, tiling: Tiling, place: Place, post_metres: tuple[float, float], first: FirstIds
-) -> TileRows:
+def tile_rows(mesh: TileMesh, tiling: Tiling, first: FirstIds) -> TileRows:
     """Rows of one tile.
 
     Parameters
     ----------
-    hierarchy : Hierarchy
-        Its nodes are in posts from the tile's south-west corner.
-    tile, tiling, place
-        Where the tile lies.
-    post_metres : tuple of float
-        Width and height of a post spacing, metres: for slope and aspect.
+    mesh : TileMesh
+    tiling : Tiling
     first : FirstIds
         Running ids to start from.
     """
-    u, v = hierarchy.nodes[:, 0], hierarchy.nodes[:, 1]
-    x = place.x0 + place.dx * (tile.first_col + u)
-    y = place.y0 + place.dy * (tile.first_row + v)
+    tile, level = mesh.tile, mesh.node_level
+    u, v = np.ascontiguousarray(mesh.uv[:, 0]), np.ascontiguousarray(mesh.uv[:, 1])
     ids = tiling.shared_node_ids(tile, u, v)
     own = ids == 0
     ids[own] = first.node + np.arange(int(own.sum()))
-    level = hierarchy.node_level.astype(np.int64)
-    everything = NodeRows(
-        ids, np.full(len(ids), tile.number + 1, np.int64), level, np.stack([x, y, hierarchy.nodes[:, 2]], axis=1),
-        hierarchy.node_z_parent,
-    )  # fmt: skip
-    metric = hierarchy.nodes * np.array([*post_metres, 1.0])
-    known = _TileNodes(tile, tiling, ids, u, v, tiling.n_border_node_id, place.dx * place.dy)
+    everything = NodeRows(ids, np.full(len(ids), tile.number + 1, np.int64), level, mesh.xyz, mesh.z_parent)
+    known = _TileNodes(tile, tiling, ids, u, v, tiling.n_border_node_id)
     levels: list[LevelRows] = []
     next_edge, next_face = first.edge, first.face
     parents = np.empty(0, np.int64)
-    for k in range(hierarchy.n_level):
-        faces = hierarchy.level_faces[k]
-        face_ids = next_face + np.arange(len(faces), dtype=np.int64)
-        rows = _level_rows(hierarchy, k, known, metric, face_ids, parents, next_edge)
+    for k, of_level in enumerate(mesh.levels):
+        face_ids = next_face + np.arange(len(of_level.faces), dtype=np.int64)
+        rows = _level_rows(of_level, k, known, face_ids, parents, next_edge)
         levels.append(rows)
         next_edge += len(rows.edges[0])
-        next_face += len(faces)
+        next_face += len(face_ids)
         parents = face_ids
-    return TileRows(
-        [everything.part(own & (level == k)) for k in range(hierarchy.n_level)],
-        everything.part(~own),
-        levels,
-        FirstIds(first.node + int(own.sum()), next_edge, next_face),
-    )
+    own_rows = [everything.part(own & (level == k)) for k in range(len(mesh.levels))]
+    next_ids = FirstIds(first.node + int(own.sum()), next_edge, next_face)
+    return TileRows(own_rows, everything.part(~own), levels, next_ids)
 
 
 def _level_rows(
-    hierarchy: Hierarchy, level: int, known: _TileNodes, metric: NDArray[np.float64], face_ids: Ids, parents: Ids,
-    first_edge: int,
-) -> LevelRows:  # fmt: skip
-    faces = np.ascontiguousarray(hierarchy.level_faces[level], np.int32)
+    mesh: LevelMesh, level: int, known: _TileNodes, face_ids: Ids, parents: Ids, first_edge: int
+) -> LevelRows:
+    faces = mesh.faces
     twin = find_twins(faces, len(known.ids))
     outside, given_id = _outside_sides(faces, twin, known, level)
     edge_id, next_edge = _number_edges(twin, outside.at, given_id, first_edge)
@@ -186,28 +158,33 @@ def _level_rows(
     _fill_edges(faces, twin, known.ids, edge_id, follower, first_edge, face_ids, edges[3:])
     face_rows = np.empty((12, len(faces)), np.int64)
     face_rows[0], face_rows[1], face_rows[2] = face_ids, tile_id, level
-    face_rows[9] = hierarchy.face_is_filled[level]
-    _fill_faces(faces, known.ids, edge_id, *face_slopes(metric, faces), face_rows[3:])
-    links: Table = (np.empty(0, np.int64), np.empty(0, np.int64))
-    shared_areas: Table = (*links, np.empty(0))
-    if level:
-        pairs = hierarchy.links[level - 1]
-        links = (face_ids[pairs[:, 1]], parents[pairs[:, 0]])
-        if hierarchy.link_area:
-            shared_areas = (*links, hierarchy.link_area[level - 1] * known.post_area)
-    side, node, gap = find_t_junctions(hierarchy.nodes, faces, twin)
-    junction_ids = edge_id[side], known.ids[node]
-    order = np.lexsort(junction_ids[::-1])
-    same = np.full(len(side), tile_id, np.int64), np.full(len(side), level, np.int64)
-    t_junctions = tuple(column[order] for column in (*junction_ids, *same, gap))
+    face_rows[3:6], face_rows[6:9] = known.ids[faces].T, edge_id.reshape(-1, 3).T
+    face_rows[9:] = mesh.is_filled, mesh.slope, mesh.aspect
+    links: Table = (face_ids[mesh.links[:, 1]], parents[mesh.links[:, 0]])
+    nothing = np.empty(0, np.int64)
+    shared_areas: Table = (nothing, nothing, np.empty(0)) if mesh.link_area is None else (*links, mesh.link_area)
+    t_junctions = _t_junction_rows(mesh.t_junctions, known, level, edge_id)
+    open_sides = _open_sides(outside, known, edge_id, face_ids)
+    return LevelRows(tuple(edges), tuple(face_rows), links, t_junctions, shared_areas, open_sides)
+
+
+def _t_junction_rows(found: TJunctions, known: _TileNodes, level: int, edge_id: Ids) -> Table:
+    """Columns of `t_junction`, by edge, then node."""
+    ids = edge_id[found.side], known.ids[found.node]
+    order = np.lexsort(ids[::-1])
+    tile_id, levels = np.full(len(order), known.tile.number + 1), np.full(len(order), level)
+    return tuple(column[order] for column in (*ids, tile_id, levels, found.gap))
+
+
+def _open_sides(outside: _Outside, known: _TileNodes, edge_id: Ids, face_ids: Ids) -> OpenSides:
+    """Return the outside sides that touch a node shared with other tiles."""
     is_open = np.minimum(known.ids[outside.start], known.ids[outside.end]) <= known.n_shared_id
     at, start, end = outside.at[is_open], outside.start[is_open], outside.end[is_open]
-    open_sides = OpenSides(
+    return OpenSides(
         edge_id[at], known.ids[start], known.ids[end], face_ids[at // 3], edge_id[at // 3 * 3 + (at + 2) % 3],
         known.u[end] - known.u[start], known.v[end] - known.v[start],
         outside.is_border[is_open], outside.is_forward[is_open],
     )  # fmt: skip
-    return LevelRows(tuple(edges), tuple(face_rows), links, t_junctions, shared_areas, open_sides)
 
 
 class _Outside(NamedTuple):
@@ -303,18 +280,6 @@ def _fill_edges(face_nodes, twin, node_id, edge_id, follower, first_edge, face_i
             rows[3, row] = face_id[face]
             rows[4, row] = after
             rows[5, row] = edge_id[side + 2 if side % 3 == 0 else side - 1]
-
-
-@njit(nogil=True, cache=True)
-def _fill_faces(face_nodes, node_id, edge_id, slope, aspect, rows):  # type: ignore[no-untyped-def]
-    """Fill node_1 … edge_3 and the slope and aspect, degrees in centidegrees, of rows (9, n_face) of faces."""
-    for face in range(len(face_nodes)):
-        for i in range(3):
-            rows[i, face] = node_id[face_nodes[face, i]]
-            rows[3 + i, face] = edge_id[3 * face + i]
-        rows[7, face] = np.int64(np.rint(slope[face] * 100.0))
-        is_level = rows[7, face] == 0 or np.isnan(aspect[face])
-        rows[8, face] = NULL_INT if is_level else np.int64(np.rint(aspect[face] * 100.0)) % 36000
 
 
 def border_rows(parts: Sequence[OpenSides], level: int, tiling: Tiling) -> Table:

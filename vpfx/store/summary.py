@@ -4,7 +4,32 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-__all__ = ["LevelSummary"]
+__all__ = ["LevelSummary", "LevelTotals"]
+
+
+class LevelTotals(NamedTuple):
+    """What is known of a level beyond its rows.
+
+    Attributes
+    ----------
+    max_error_bound : float or None
+        Bound asked for, metres.
+    max_error, rmse : float
+        Vertical errors measured at the valid posts, metres.
+    max_rise : float or None
+        As in `LevelSummary`.
+    posts : int
+        Valid posts measured.
+    cuts : tuple of int
+        Faces cut on the way to the level, by the kinds of `vpfx.model.CUTS`.
+    """
+
+    max_error_bound: float | None
+    max_error: float
+    rmse: float
+    max_rise: float | None
+    posts: int
+    cuts: tuple[int, ...]
 
 
 class LevelSummary(NamedTuple):

@@ -6,7 +6,7 @@ borders get their ids from the border, so that both neighbours know them without
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,13 +14,32 @@ from numpy.typing import NDArray
 from vpfx.checks import whole_number
 from vpfx.errors import InvariantError
 
-__all__ = ["DEFAULT_TILE_SIZE", "Tile", "Tiling"]
+__all__ = ["DEFAULT_TILE_SIZE", "Place", "Tile", "Tiling"]
 
 DEFAULT_TILE_SIZE = 512  # post spacings; see specs/methods.md M-220 for the figures behind it
 LEAST_TILE_SIZE = 8
 SOUTH, EAST, NORTH, WEST = range(4)
 # Outline edges of a tile that end on one of its four borders, for each post of a border: two in each half plane.
 LATE_SHARE = 8
+
+
+class Place(NamedTuple):
+    """Where posts lie: post (row, col) at x0 + dx·col, y0 + dy·row, CRS units.
+
+    Examples
+    --------
+    >>> Place(500000.0, 4000000.0, 10.0, 20.0).at(2, 0.5)
+    (500020.0, 4000010.0)
+    """
+
+    x0: float
+    y0: float
+    dx: float
+    dy: float
+
+    def at(self, col: Any, row: Any) -> tuple[Any, Any]:
+        """Return x and y of posts or of places between, numbers or arrays, computed as R-130 says, to the bit."""
+        return self.x0 + self.dx * col, self.y0 + self.dy * row
 
 
 class Tile(NamedTuple):

@@ -10,7 +10,7 @@ import json
 import os
 import sqlite3
 from collections import deque
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import suppress
 from pathlib import Path
@@ -20,15 +20,16 @@ from typing import Any
 import numpy as np
 
 from vpfx.errors import StoreError
-from vpfx.model import CUTS, Extent, Hierarchy
+from vpfx.model import CUTS, Extent
 from vpfx.store.contents import FORMAT_VERSION
 from vpfx.store.ddl import schema_sql
 from vpfx.store.digest import Digest
 from vpfx.store.geopackage import APPLICATION_ID, USER_VERSION, register
+from vpfx.store.mesh import TileMesh
 from vpfx.store.pages import PageWriter, reason_of
-from vpfx.store.rows import FirstIds, NodeRows, OpenSides, Place, Table, TileRows, border_rows, tile_rows
-from vpfx.store.summary import LevelSummary
-from vpfx.store.tiles import Tile, Tiling
+from vpfx.store.rows import FirstIds, NodeRows, OpenSides, Table, TileRows, border_rows, tile_rows
+from vpfx.store.summary import LevelSummary, LevelTotals
+from vpfx.store.tiles import Place, Tile, Tiling
 
 __all__ = ["StoreWriter", "check_target"]
 
@@ -94,11 +95,7 @@ class StoreWriter:
         self._tile_levels: list[tuple[Any, ...]] = []
         self._behind = ThreadPoolExecutor(1)  # makes the rows of the next tile while those of this one are written
         self._waiting: deque[Future[tuple[Tile, TileRows, list[Tables], list[bytes]]]] = deque()
-        n = tiling.n_level
-        self._counts = np.zeros((n, 3), np.int64)  # nodes first seen at the level, edges, faces
-        self._errors = np.zeros((n, 3))  # greatest error, sum of squares, posts
-        self._rises = np.full(n, np.nan)  # greatest distance of a new node from the level before
-        self._cuts = np.zeros((n, len(CUTS)), np.int64)
+        self._counts = np.zeros((tiling.n_level, 3), np.int64)  # nodes first seen at the level, edges, faces
         try:
             self._create()
             self._pages = PageWriter(self._temporary, str(self.path))
@@ -122,35 +119,18 @@ class StoreWriter:
         finally:
             connection.close()
 
-    def add(self, tile: Tile, hierarchy: Hierarchy, post_metres: tuple[float, float]) -> None:
-        """Take the next tile, and write the rows of the one before; tiles come in the order of their numbers.
-
-        Parameters
-        ----------
-        tile : Tile
-        hierarchy : Hierarchy
-            Nodes in posts from the tile's south-west corner.
-        post_metres : tuple of float
-            Width and height of a post spacing in the tile, metres.
-        """
-        self._waiting.append(self._behind.submit(self._make_rows, tile, hierarchy, post_metres))
-        rise = np.abs(hierarchy.nodes[:, 2] - hierarchy.node_z_parent)
-        np.fmax.at(self._rises, hierarchy.node_level, rise)
-        for level in range(hierarchy.n_level):
-            self._errors[level, 0] = max(self._errors[level, 0], hierarchy.max_error[level])
-            self._cuts[level] += hierarchy.cuts[level]
-            self._errors[level, 1:] += hierarchy.squared_error[level], hierarchy.n_post[level]
+    def add(self, mesh: TileMesh) -> None:
+        """Take the next tile, and write the rows of the one before; tiles come in the order of their numbers."""
+        self._waiting.append(self._behind.submit(self._make_rows, mesh))
         if len(self._waiting) > 1:
             self._write_first()
 
-    def _make_rows(
-        self, tile: Tile, hierarchy: Hierarchy, post_metres: tuple[float, float]
-    ) -> tuple[Tile, TileRows, list[Tables], list[bytes]]:
+    def _make_rows(self, mesh: TileMesh) -> tuple[Tile, TileRows, list[Tables], list[bytes]]:
         """Rows of the next tile, and tables and digests of its levels; in a thread of its own, tile by tile."""
-        rows = tile_rows(hierarchy, tile, self._tiling, self._place, post_metres, self._next)
+        rows = tile_rows(mesh, self._tiling, self._next)
         self._next = rows.next_ids
         tables = [rows.tables(level) for level in range(len(rows.levels))]
-        return tile, rows, tables, [_digest(level.values()) for level in tables]
+        return mesh.tile, rows, tables, [_digest(level.values()) for level in tables]
 
     def _write_first(self) -> None:
         """Write the rows of the first tile that waits."""
@@ -178,31 +158,41 @@ class StoreWriter:
         self._counts[level] += [len(tables[name][0]) for name in ("node", "edge", "face")]
 
     def finish(
-        self, bounds: list[float | None], metadata: Mapping[str, Any], sources: list[tuple[str, str, int, str]]
+        self,
+        totals: Sequence[LevelTotals],
+        metadata: Mapping[str, Any],
+        sources: list[tuple[str, str, int, str]],
+        then: Callable[[Path], None] | None = None,
     ) -> list[LevelSummary]:
         """Write borders and contents, bring all to the disk and give the file its name.
 
         Parameters
         ----------
-        bounds : list
-            Error bound of each level, metres; None where there is none.
+        totals : sequence of LevelTotals
+            One a level.
         metadata : mapping
             Rows of `metadata`; values that are not text are kept as JSON.
         sources : list of (name, sha256, byte_count, driver)
+        then : callable, optional
+            Called with the path of the store when it is complete, before it has its name: what it adds is there from the first.
         """
         try:
             while self._waiting:
                 self._write_first()
             self._write_borders()
             self._pages.close()
-            summary = self._summary(bounds)
+            summary = self._summary(totals)
             connection = sqlite3.connect(self._temporary)
             try:
                 connection.execute("PRAGMA synchronous = OFF")
-                self._write_contents(connection, summary, metadata, sources)
+                self._write_origin(connection, metadata, sources)
+                self._write_levels(connection, summary, totals)
+                self._write_tiles(connection)
                 connection.commit()
             finally:
                 connection.close()
+            if then:
+                then(self._temporary)
             self._publish()
         except (OSError, sqlite3.Error) as error:
             raise StoreError(f"{self.path}: cannot be written: {reason_of(error)}") from error
@@ -227,20 +217,19 @@ class StoreWriter:
             self._border_digests[level].add(edges)
             self._counts[level, 1] += len(edges[0])
 
-    def _summary(self, bounds: list[float | None]) -> list[LevelSummary]:
-        nodes = np.cumsum(self._counts[:, 0])
-        summary = []
-        for level, (worst, squares, posts) in enumerate(self._errors.tolist()):
-            counts = int(posts), int(nodes[level]), int(self._counts[level, 1]), int(self._counts[level, 2])
-            rise = None if np.isnan(self._rises[level]) else float(self._rises[level])
-            rmse = (squares / max(posts, 1.0)) ** 0.5
-            summary.append(LevelSummary(level, bounds[level], worst, rmse, rise, *counts))
-        return summary
+    def _summary(self, totals: Sequence[LevelTotals]) -> list[LevelSummary]:
+        """Totals of the levels with the counts of their rows; nodes belong to finer levels too."""
+        counts = self._counts.copy()
+        counts[:, 0] = np.cumsum(counts[:, 0])
+        return [
+            LevelSummary(level, *of_level[:-1], *count)
+            for level, (of_level, count) in enumerate(zip(totals, counts.tolist(), strict=True))
+        ]
 
-    def _write_contents(
-        self, connection: sqlite3.Connection, summary: list[LevelSummary], metadata: Mapping[str, Any],
-        sources: list[tuple[str, str, int, str]],
-    ) -> None:  # fmt: skip
+    def _write_origin(
+        self, connection: sqlite3.Connection, metadata: Mapping[str, Any], sources: list[tuple[str, str, int, str]]
+    ) -> None:
+        """Write what was built, from what."""
         lattice = {**self._place._asdict(), "n_row": int(self._tiling.row_lines[-1]) + 1}
         lattice["n_col"] = int(self._tiling.col_lines[-1]) + 1
         texts = {"format_version": FORMAT_VERSION, "crs_wkt2": self._wkt, "lattice": lattice, **metadata}
@@ -249,14 +238,23 @@ class StoreWriter:
         connection.executemany(
             "INSERT INTO source VALUES (?, ?, ?, ?, ?)", [(i + 1, *s) for i, s in enumerate(sources)]
         )
+
+    def _write_levels(
+        self, connection: sqlite3.Connection, summary: Sequence[LevelSummary], totals: Sequence[LevelTotals]
+    ) -> None:
         ranges = [self._tiling.border_edge_ids(line.level) or (None, None) for line in summary]
         digests = [digest.value() for digest in self._border_digests]
         levels = [(*line, *limits, digest) for line, limits, digest in zip(summary, ranges, digests, strict=True)]
         connection.executemany(f"INSERT INTO level VALUES ({', '.join('?' * 12)})", levels)
         cuts = [
-            (level, kind, int(n)) for level, row in enumerate(self._cuts) for kind, n in zip(CUTS, row, strict=True)
+            (level, kind, n)
+            for level, of_level in enumerate(totals)
+            for kind, n in zip(CUTS, of_level.cuts, strict=True)
         ]
         connection.executemany("INSERT INTO level_cut VALUES (?, ?, ?)", cuts)
+
+    def _write_tiles(self, connection: sqlite3.Connection) -> None:
+        """Write the tiles and where their rows lie, and register all as a GeoPackage."""
         tiles = [(tile.number + 1, tile.name, *self._extent(tile)) for tile in self._tiles()]
         connection.executemany("INSERT INTO tile VALUES (?, ?, ?, ?, ?, ?)", tiles)
         boxes = [(number, xmin, xmax, ymin, ymax) for number, _, xmin, ymin, xmax, ymax in tiles]
@@ -264,16 +262,14 @@ class StoreWriter:
         connection.executemany(f"INSERT INTO tile_level VALUES ({', '.join('?' * 10)})", self._tile_levels)
         lines = self._tiling.row_lines[-1], self._tiling.col_lines[-1]
         whole = Tile(0, 0, 0, 0, int(lines[0]), 0, int(lines[1]))
-        register(connection, self._wkt, self._extent(whole), len(summary))
+        register(connection, self._wkt, self._extent(whole), self._tiling.n_level)
 
     def _tiles(self) -> list[Tile]:
         return [self._tiling.tile(index) for index in range(self._tiling.n_tile)]
 
     def _extent(self, tile: Tile) -> Extent:
-        x0, y0, dx, dy = self._place
-        return Extent(
-            x0 + dx * tile.first_col, y0 + dy * tile.first_row, x0 + dx * tile.last_col, y0 + dy * tile.last_row
-        )
+        first = self._place.at(tile.first_col, tile.first_row)
+        return Extent(*first, *self._place.at(tile.last_col, tile.last_row))
 
     def _publish(self) -> None:
         with open(self._temporary, "rb+") as file:
