@@ -22,7 +22,7 @@ LAYERS = (
     {"dem", "methods", "store", "mesh_files", "vpf"},  # these do not know each other
     {"features", "patches", "measures", "query"},
     {"pipeline", "report", "table_2", "attach"},
-    {"compare", "plot"},
+    {"compare", "plot", "validate"},
     {"gallery"},
     {"cli"},
     {"__main__"},

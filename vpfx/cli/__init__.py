@@ -10,6 +10,7 @@ from vpfx.cli.query_cut import cut
 from vpfx.cli.query_sight import sight, viewshed
 from vpfx.cli.sql import sql
 from vpfx.cli.store import info, plot
+from vpfx.cli.validate import validate
 
 __all__ = [
     "app",
@@ -30,6 +31,7 @@ __all__ = [
     "region",
     "sight",
     "sql",
+    "validate",
     "viewshed",
     "volume",
 ]

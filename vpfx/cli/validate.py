@@ -1,0 +1,46 @@
+"""`vpfx validate`."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+
+from vpfx.cli.common import app
+from vpfx.errors import InputError
+
+__all__ = ["validate"]
+
+FINDINGS = 1  # exit code
+
+
+@app.command()
+@click.argument("path", required=False, type=click.Path(path_type=Path), metavar="STORE")
+@click.option("--only", multiple=True, metavar="V4|NAME", help="Only rules whose code begins so, or of that name (*).")
+@click.option("--skip", multiple=True, metavar="V4|NAME", help="Not these rules, nor those that need them.")
+@click.option("--list-rules", is_flag=True, help="Print all rules instead.")
+@click.option("--format", "form", default="text", show_default=True, help="text, json or sarif.")
+def validate(
+    path: Path | None, only: tuple[str, ...], skip: tuple[str, ...], list_rules: bool, form: str
+) -> int | None:
+    """Check a store against every rule of the format: specs/rules.md.
+
+    Exit code 0: no error; 1: errors; 2: wrong use; 3: the file cannot be read at all.
+
+    Example: vpfx validate n36.gpkg --format sarif
+    """
+    from vpfx import validate as validating
+    from vpfx.validate.forms import FORMS, rules_json, rules_text
+    from vpfx.validate.run import chosen_rules
+
+    if form not in FORMS:
+        raise InputError(f"--format: found {form!r}, expected one of: {', '.join(FORMS)}")
+    if list_rules:
+        chosen = chosen_rules(validating.RULES, only, skip).values()
+        print(rules_json(chosen) if form == "json" else rules_text(chosen))
+        return None
+    if path is None:
+        raise click.UsageError("Missing argument 'STORE'", click.get_current_context())
+    report = validating.validate(path, only=only, skip=skip)
+    print(FORMS[form](report, validating.RULES))
+    return None if report.ok else FINDINGS
