@@ -24,6 +24,11 @@ def shared_feature(name: str) -> Path:
     return _shared("features", name)
 
 
+def shared_vpf(name: str) -> Path:
+    """Return a file of the real VPF data beside the repository, or skip the test."""
+    return _shared("vpf", name)
+
+
 def _shared(kind: str, name: str) -> Path:
     path = SHARED / "data" / kind / name
     if not path.is_file():
