@@ -24,6 +24,14 @@ def shared_feature(name: str) -> Path:
     return _shared("features", name)
 
 
+def shared_vpf(name: str) -> Path:
+    """Return a VPF database or library of the shared data beside the repository, or skip the test."""
+    path = SHARED / "data" / "vpf" / name
+    if not path.is_dir():
+        pytest.skip(f"../shared/data/vpf/{name} is absent")
+    return path
+
+
 def _shared(kind: str, name: str) -> Path:
     path = SHARED / "data" / kind / name
     if not path.is_file():
