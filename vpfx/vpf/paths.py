@@ -130,7 +130,7 @@ def _find_one(folder: str, name: str) -> str | None:
             names = _list(folder) if listing is None else listing
             if wanted in names:
                 return os.path.join(folder, names[wanted])
-    except NotADirectoryError:
+    except (FileNotFoundError, NotADirectoryError):
         return None
     except OSError as error:
         raise VpfFormatError(folder, "", f"cannot be read: {error.strerror}") from error
