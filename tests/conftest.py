@@ -25,9 +25,9 @@ def shared_feature(name: str) -> Path:
 
 
 def shared_vpf(name: str) -> Path:
-    """Return a VPF database or library of the shared data beside the repository, or skip the test."""
+    """Return a file or directory of the real VPF data beside the repository, or skip the test."""
     path = SHARED / "data" / "vpf" / name
-    if not path.is_dir():
+    if not path.exists():
         pytest.skip(f"../shared/data/vpf/{name} is absent")
     return path
 
