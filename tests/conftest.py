@@ -25,12 +25,12 @@ def shared_feature(name: str) -> Path:
 
 
 def shared_vpf(name: str) -> Path:
-    """Return a file of the real VPF data beside the repository, or skip the test."""
+    """Return a file or directory of the real VPF data beside the repository, or skip the test."""
     return _shared("vpf", name)
 
 
 def _shared(kind: str, name: str) -> Path:
     path = SHARED / "data" / kind / name
-    if not path.is_file():
+    if not path.exists():
         pytest.skip(f"../shared/data/{kind}/{name} is absent")
     return path

@@ -1,0 +1,377 @@
+"""Directories of VPF: database, libraries, coverages, feature classes, tiles (specs/vpf.md, V-200 to V-207).
+
+::
+
+    Database ─ lat ─► Library ─ cat ─► Coverage ─ fcs, fca ─► FeatureClass
+                         └─ tileref ─► TilePath, the same below every coverage
+
+What a table names but the directory lacks is told by `missing` and `problems`: discs hold parts of databases. What is
+broken raises when it is asked for, so one bad coverage does not hide the others.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vpfx.errors import NotFoundError, VpfFormatError
+from vpfx.model import Extent
+from vpfx.vpf.paths import check_name, find, split
+from vpfx.vpf.schema import FeatureClass, Join, Relation, classes_of, read_bounded, read_kinds, read_relations
+from vpfx.vpf.table import Ragged, Table
+from vpfx.vpf.values import NULL_INT, NULL_SHORT, texts, value_descriptions
+
+__all__ = [
+    "Coverage", "Database", "FeatureClass", "Join", "Library", "Relation", "TilePath", "open_database",
+]  # fmt: skip
+
+MOST_VALUES = 1_000_000
+"""Rows of a table of value descriptions."""
+
+_NO_LEVELS = (NULL_SHORT, NULL_SHORT + 1, NULL_INT, NULL_INT + 1)
+
+
+class TilePath(NamedTuple):
+    """A tile of a library."""
+
+    name: str  # as in tileref.aft
+    path: str  # below each coverage, with slashes, in the case of the table
+    extent: Extent | None  # None if tileref has no rectangle for it
+
+
+@dataclass(frozen=True, eq=False)
+class Coverage:
+    """A coverage: feature tables, and primitives of each tile.
+
+    Attributes
+    ----------
+    library : Library
+        Of which it is a part.
+    path : Path
+        Its directory.
+    name, description : str
+        As ``cat`` has them.
+    level : int or None
+        Topology level, 0 to 3; None if ``cat`` has none.
+    """
+
+    library: Library
+    path: Path
+    name: str
+    description: str = ""
+    level: int | None = None
+
+    @cached_property
+    def relations(self) -> tuple[Relation, ...]:
+        """Rows of ``fcs``; none if there is no such table.
+
+        Raises
+        ------
+        VpfFormatError
+            The table is broken or names what no file can be called.
+        """
+        path = self.find("fcs")
+        return () if path is None else read_relations(path)
+
+    @property
+    def classes(self) -> dict[str, FeatureClass]:
+        """Feature classes by their names in lower case.
+
+        Raises
+        ------
+        VpfFormatError
+            ``fcs`` or ``fca`` is broken.
+        """
+        return self._schema[0]
+
+    @property
+    def problems(self) -> tuple[str, ...]:
+        """What the schema names but does not explain; lines as of errors."""
+        return self._schema[1]
+
+    @cached_property
+    def _schema(self) -> tuple[dict[str, FeatureClass], tuple[str, ...]]:
+        path = self.find("fca")
+        classes, problems = classes_of(self.relations, {} if path is None else read_kinds(path), str(self.path))
+        if self.find("fcs") is None:
+            message = "found no table fcs, expected the feature class schema"
+            problems = (str(VpfFormatError(str(self.path), "", message, "V-204")), *problems)
+        return classes, problems
+
+    def find(self, name: str, tile_id: int = 0) -> Path | None:
+        """Path of a table of the coverage, or of one of its tiles; None if it is not there.
+
+        Raises
+        ------
+        VpfFormatError
+            The name leads elsewhere (V-202).
+        NotFoundError
+            The library has no such tile.
+        """
+        folder = ""
+        if tile_id != 0:
+            tile = self.library.tiles.get(tile_id)
+            if tile is None:
+                raise NotFoundError(f"{self.library.path}: found no tile {tile_id}, expected one in tileref.aft")
+            folder = tile.path
+        return find(self.path, folder, check_name(name, str(self.path)), within=self.library.root)
+
+    def table(self, name: str, tile_id: int = 0) -> Path:
+        """Path of a table, as `find`.
+
+        Raises
+        ------
+        NotFoundError
+            It is not there.
+        VpfFormatError
+            The name leads elsewhere (V-202).
+        """
+        path = self.find(name, tile_id)
+        if path is None:
+            tile = f"tile {tile_id}: " if tile_id else ""
+            raise NotFoundError(f"{self.path}: {tile}found no table {name!r}")
+        return path
+
+    def value_descriptions(self) -> dict[tuple[str, str], dict[int | str, str]]:
+        """What coded values mean, by table and column in lower case; of what is described twice the first counts.
+
+        Raises
+        ------
+        VpfFormatError
+            ``int.vdt`` or ``char.vdt`` is broken.
+        """
+        found: dict[tuple[str, str], dict[int | str, str]] = {}
+        for name in ("int.vdt", "char.vdt"):
+            path = self.find(name)
+            if path is not None:
+                table = read_bounded(path, MOST_VALUES)
+                needed = {column: table[column] for column in ("table", "attribute", "value", "description")}
+                for key, described in value_descriptions(needed).items():
+                    found[key] = described | found.get(key, {})
+        return found
+
+
+@dataclass(frozen=True, eq=False)
+class Library:
+    """A library: coverages of one area, cut into the same tiles.
+
+    Attributes
+    ----------
+    path : Path
+        Its directory.
+    name : str
+        As ``lat`` has it.
+    extent : Extent or None
+        As ``lat`` has it, in degrees as a rule; min_x is greater than max_x across the date line.
+    root : Path
+        Directory that no name leads out of: the database.
+    """
+
+    path: Path
+    name: str
+    extent: Extent | None
+    root: Path
+
+    @cached_property
+    def _listed(self) -> tuple[dict[str, Coverage], tuple[str, ...]]:
+        path = find(self.path, "cat", within=self.root)
+        if path is None:
+            raise NotFoundError(f"{self.path}: found no table cat, expected the list of coverages")
+        table = read_bounded(path)
+        descriptions = texts(table["description"]) if "description" in table else [None] * table.n_row
+        levels = _numbers(table, "level")
+        coverages: dict[str, Coverage] = {}
+        missing = []
+        for i, name in enumerate(_names(table, "coverage_name")):
+            folder = find(self.path, name, within=self.root)
+            level = None if levels is None or levels[i] in _NO_LEVELS else int(levels[i])
+            if folder is None or not folder.is_dir():
+                missing.append(name)
+            else:
+                coverages.setdefault(name.lower(), Coverage(self, folder, name, descriptions[i] or "", level))
+        return coverages, tuple(missing)
+
+    @property
+    def coverages(self) -> dict[str, Coverage]:
+        """Coverages that are there, by their names in lower case.
+
+        Raises
+        ------
+        NotFoundError
+            There is no ``cat``.
+        VpfFormatError
+            It is broken, or a name in it leads elsewhere (V-202).
+        """
+        return self._listed[0]
+
+    @property
+    def missing(self) -> tuple[str, ...]:
+        """Names of coverages in ``cat`` that have no directory."""
+        return self._listed[1]
+
+    @cached_property
+    def reference(self) -> dict[str, Any]:
+        """The row of ``grt`` by its columns in lower case: str, int, float or None; empty if there is none."""
+        return _first_row(find(self.path, "grt", within=self.root))
+
+    @cached_property
+    def header(self) -> dict[str, Any]:
+        """The row of ``lht``, as `reference`."""
+        return _first_row(find(self.path, "lht", within=self.root))
+
+    @cached_property
+    def tiles(self) -> dict[int, TilePath]:
+        """Tiles by their ids; none if the library is not tiled. Rows of ``tileref.aft`` without a name are no tiles.
+
+        Raises
+        ------
+        VpfFormatError
+            The tile reference coverage is broken, or a name in it leads elsewhere (V-202).
+        """
+        folder = find(self.path, "tileref", within=self.root)
+        if folder is None or not folder.is_dir():
+            return {}
+        coverage = Coverage(self, folder, "tileref")
+        listed = [found for found in coverage.classes.values() if found.primitive == "fac"]
+        path = coverage.find(listed[0].table if listed else "tileref.aft")
+        if path is None:
+            return {}
+        table = read_bounded(path)
+        ids, faces = _numbers(table, "id"), _numbers(table, listed[0].prim_key if listed else "fac_id")
+        rows = np.arange(1, table.n_row + 1)
+        extents = _extents(coverage, rows if faces is None else faces)
+        tiles: dict[int, TilePath] = {}
+        for i, name in enumerate(texts(table["tile_name"])):
+            if name is not None and name.strip("\\/ "):
+                parts = split(name, f"{path}: row {i + 1}")
+                tiles.setdefault(int((rows if ids is None else ids)[i]), TilePath(name, "/".join(parts), extents[i]))
+        return tiles
+
+
+@dataclass(frozen=True, eq=False)
+class Database:
+    """A VPF database.
+
+    Attributes
+    ----------
+    path : Path
+        Its directory.
+    libraries : dict
+        Libraries that are there, by their names in lower case.
+    missing : tuple of str
+        Names in ``lat`` that have no directory.
+    """
+
+    path: Path
+    libraries: dict[str, Library]
+    missing: tuple[str, ...] = ()
+
+    @cached_property
+    def header(self) -> dict[str, Any]:
+        """The row of ``dht`` by its columns in lower case: str, int, float or None; empty if there is none."""
+        return _first_row(find(self.path, "dht"))
+
+    @property
+    def name(self) -> str:
+        """As ``dht`` has it, else as the directory is called."""
+        return self.header.get("database_name") or self.path.resolve().name
+
+
+def open_database(path: Path | str) -> Database:
+    """Open a directory of VPF: a database, or one library of it.
+
+    Parameters
+    ----------
+    path : path
+        A directory with ``lat``; or one with ``cat``, whose ``lat`` may stand in the directory above: then the database
+        has this library alone.
+
+    Returns
+    -------
+    Database
+
+    Raises
+    ------
+    NotFoundError
+        There is no such directory, or neither table in it.
+    VpfFormatError
+        ``lat`` is broken, or a name in it leads elsewhere (V-202).
+
+    Examples
+    --------
+    >>> open_database("nowhere")
+    Traceback (most recent call last):
+    vpfx.errors.NotFoundError: nowhere: found no directory, expected a VPF database or a library of one
+    """
+    root = Path(path)
+    if not root.is_dir():
+        raise NotFoundError(f"{path}: found no directory, expected a VPF database or a library of one")
+    lat = find(root, "lat")
+    if lat is not None:
+        libraries, missing = _libraries(root, lat)
+        return Database(root, libraries, missing)
+    if find(root, "cat") is None:
+        raise NotFoundError(f"{path}: found neither lat nor cat, expected a VPF database or a library of one")
+    root = root.resolve()
+    lat = find(root.parent, "lat")
+    known = {} if lat is None else _libraries(root.parent, lat)[0]
+    library = known.get(root.name.lower(), Library(root, root.name, None, root.parent))
+    return Database(root.parent, {library.name.lower(): library})
+
+
+def _libraries(root: Path, lat: Path) -> tuple[dict[str, Library], tuple[str, ...]]:
+    table = read_bounded(lat)
+    corners = np.stack([table[name].astype(np.float64) for name in ("xmin", "ymin", "xmax", "ymax")], axis=1)
+    libraries: dict[str, Library] = {}
+    missing = []
+    for name, corner in zip(_names(table, "library_name"), corners.tolist(), strict=True):
+        folder = find(root, name)
+        if folder is None or not folder.is_dir():
+            missing.append(name)
+        else:
+            libraries.setdefault(name.lower(), Library(folder, name, Extent(*corner), root))
+    return libraries, tuple(missing)
+
+
+def _names(table: Table, column: str) -> list[str]:
+    """Names of directories in a column, checked."""
+    names = [(name or "").strip() for name in texts(table[column])]
+    return [check_name(name, table.path, f"row {i}") for i, name in enumerate(names, 1)]
+
+
+def _numbers(table: Table, column: str) -> NDArray[Any] | None:
+    """Whole numbers of a column, the ids of triplets; None if there is no such column."""
+    if column not in table:
+        return None
+    values = table[column]
+    if isinstance(values, Ragged) or values.dtype.kind not in "iu":
+        raise VpfFormatError(table.path, f"column {column!r}", "found no whole numbers, expected type I, S or K")
+    return values if values.ndim == 1 else values[:, 0]
+
+
+def _extents(coverage: Coverage, faces: NDArray[Any]) -> list[Extent | None]:
+    """Rectangles of faces."""
+    path = coverage.find("fbr")
+    if path is None:
+        return [None] * len(faces)
+    table = read_bounded(path)
+    corners = np.stack([table[name].astype(np.float64) for name in ("xmin", "ymin", "xmax", "ymax")], axis=1)
+    return [Extent(*corners[face - 1].tolist()) if 1 <= face <= len(corners) else None for face in faces.tolist()]
+
+
+def _first_row(path: Path | None) -> dict[str, Any]:
+    if path is None:
+        return {}
+    table = read_bounded(path)
+    row: dict[str, Any] = {}
+    for name, values in table.columns.items() if table.n_row else ():
+        if isinstance(values, Ragged) or values.dtype.kind == "S":
+            row[name] = texts(values)[0]
+        else:
+            row[name] = values[0].item() if values.ndim == 1 else None
+    return row
