@@ -50,8 +50,9 @@ class Map:
         self.place = self._jittered()
         self.areas = self._components(lambda cell: True)
         self.spurs = self._spurs(n_spur)
-        self.tiles = [self._graph(*corner) for corner in self._corners()]
+        self.ends, self.drawn = set(), set()  # nodes and segments of the map as a whole
         self.whole = self._graph(0, 0, max(self.rows, self.columns) + 1)
+        self.tiles = [self._graph(*corner) for corner in self._corners()]
 
     def _jittered(self):
         """Place of each corner of the grid, exact in single precision; corners on borders move along them only."""
@@ -165,7 +166,11 @@ class Map:
         around = {}
         for start, end in sides:
             around.setdefault(start, []).append(end)
-        is_node = {corner for corner, others in around.items() if len(others) != 2}
+        is_node = {
+            corner
+            for corner, others in around.items()
+            if len(others) != 2 or corner in self.ends or len({frozenset((corner, o)) in self.drawn for o in others}) == 2
+        }
         done, number = set(), {}
         for corner in sorted(around, key=lambda corner: (corner not in is_node, corner)):
             for other in sorted(around[corner]):
@@ -181,6 +186,8 @@ class Map:
                 ends = [number.setdefault(end, len(number) + 1) for end in (chain[0], chain[-1])]
                 key = frozenset(frozenset(pair) for pair in zip(chain, chain[1:], strict=False))
                 tile.edges.append(Edge([self.place[c] for c in chain], *ends, right, left, key=key))
+        self.ends = self.ends or set(number)
+        self.drawn = self.drawn or {frozenset(pair) for pair in sides}
         tile.nodes = [self.place[corner] for corner in number]
 
     def polygon(self, number):
