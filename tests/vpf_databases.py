@@ -10,10 +10,11 @@ NAMES = ("Ålborg", "Łódź?", "", "N/A", "Ab; c, d")  # the second is cut to L
 CODES = ("BA010", "BH000", "N/A", "ZZ999")
 KINDS = (1, 2, NULL_INT, NULL_INT + 1, 7)
 DATE = "19991105123000.00000"
+PLAIN = Style()
 EXTENT = (9.0, 49.0, 99.0, 99.0)
 
 
-def write_database(root, ground, style=Style()):
+def write_database(root, ground, style=PLAIN):
     """Write database `root`, library `lib`, coverages `land` and, if there are tiles, `tileref`."""
     is_tiled = ground.tile > 0
     write(root, style, "dht", [ID, col("database_name", "T", 8)], [(1, root.name[:8])])
@@ -21,7 +22,12 @@ def write_database(root, ground, style=Style()):
     write(root, style, "lat", [ID, col("library_name", "T", 8), *box], [(1, "lib", *EXTENT), (2, "gone", *EXTENT)])
     library = root / style.named("lib.").rstrip(".")
     write(library, style, "lht", [ID, col("library_name", "T", 12), col("scale", "I")], [(1, "lib", 50000)])
-    texts = [col("data_type", "T", 3), col("units", "T", 3), col("geo_datum_name", "T", 15), col("geo_datum_code", "T", 3)]
+    texts = [
+        col("data_type", "T", 3),
+        col("units", "T", 3),
+        col("geo_datum_name", "T", 15),
+        col("geo_datum_code", "T", 3),
+    ]
     write(library, style, "grt", [ID, *texts], [(1, "GEO", "M", "WGS 84", "WGE")])
     coverages = [("land", "Land", 3), ("absent", "Not here", 3)] + [("tileref", "Tiles", 3)] * is_tiled
     columns = [ID, col("coverage_name", "T", 8), col("description", "T", 50), col("level", "I")]
@@ -84,7 +90,9 @@ def _write_features(land, style, ground):
     write(land, style, "area.aft", columns, rows)
     joins = []
     for number, tile in enumerate(ground.tiles, 1):
-        for own, face in sorted({(ground.areas[cell], face) for cell, face in tile.face_at.items() if cell in ground.areas}):
+        for own, face in sorted(
+            {(ground.areas[cell], face) for cell, face in tile.face_at.items() if cell in ground.areas}
+        ):
             if own in areas:
                 joins.append((areas.index(own) + 1, *refer(number, face)))
     _write_joins(land, style, "area", [*tiled, col("fac_id", "I")], joins)
@@ -102,7 +110,13 @@ def _write_features(land, style, ground):
 
 
 def _write_joins(land, style, name, columns, rows):
-    write(land, style, f"{name}.{name[0]}jt", [ID, col(f"{name}_id", "I"), *columns], [(i, *r) for i, r in enumerate(rows, 1)])
+    write(
+        land,
+        style,
+        f"{name}.{name[0]}jt",
+        [ID, col(f"{name}_id", "I"), *columns],
+        [(i, *r) for i, r in enumerate(rows, 1)],
+    )
 
 
 def expected_lines(ground):
@@ -138,7 +152,10 @@ def _write_primitives(folder, style, ground, tile):
     ]  # fmt: skip
     write(folder, style, "edg", columns, rows)
     columns = [ID, col("containing_face", "X"), col("first_edge", link), col("coordinate", kind)]
-    first = [min(i for i, e in enumerate(tile.edges, 1) if n in (e.start_node, e.end_node)) for n in range(1, len(tile.nodes) + 1)]
+    first = [
+        min(i for i, e in enumerate(tile.edges, 1) if n in (e.start_node, e.end_node))
+        for n in range(1, len(tile.nodes) + 1)
+    ]
     rows = [(i, None, first[i - 1], _places(style, [place])) for i, place in enumerate(tile.nodes, 1)]
     write(folder, style, "cnd", columns, rows)
     centres = [(ground.square(cell).centroid.coords[0], face) for cell, face in sorted(tile.face_at.items())]

@@ -1,13 +1,14 @@
 """Small VPF databases for tests: labelled squares of a jittered grid, written byte by byte.
 
-The faces of the map are the connected squares of one label; 0 is outside. Everything is made by plain loops over the grid and by
-`struct`; no code of vpfx is used. Kinds of damage and deviations of real producers are options.
+The faces of the map are the connected squares of one label; 0 is outside. Everything is made by plain loops
+over the grid; no code of vpfx is used.
 """
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
+from itertools import pairwise
 
 import numpy as np
 import shapely
@@ -169,22 +170,26 @@ class Map:
         is_node = {
             corner
             for corner, others in around.items()
-            if len(others) != 2 or corner in self.ends or len({frozenset((corner, o)) in self.drawn for o in others}) == 2
+            if len(others) != 2
+            or corner in self.ends
+            or len({frozenset((corner, o)) in self.drawn for o in others}) == 2
         }
         done, number = set(), {}
         for corner in sorted(around, key=lambda corner: (corner not in is_node, corner)):
             for other in sorted(around[corner]):
-                if (corner, other) in done or (corner not in is_node and any((corner, o) in done for o in around[corner])):
+                if (corner, other) in done or (
+                    corner not in is_node and any((corner, o) in done for o in around[corner])
+                ):
                     continue
                 chain = [corner, other]
                 while chain[-1] not in is_node and chain[-1] != corner:
                     chain.append(next(o for o in around[chain[-1]] if o != chain[-2]))
-                done |= set(zip(chain, chain[1:], strict=False)) | set(zip(chain[1:], chain, strict=False))
+                done |= set(pairwise(chain)) | set(pairwise(chain[::-1]))
                 if self.random.random() < 0.5:
                     chain.reverse()
                 left, right = sides[chain[0], chain[1]]
                 ends = [number.setdefault(end, len(number) + 1) for end in (chain[0], chain[-1])]
-                key = frozenset(frozenset(pair) for pair in zip(chain, chain[1:], strict=False))
+                key = frozenset(frozenset(pair) for pair in pairwise(chain))
                 tile.edges.append(Edge([self.place[c] for c in chain], *ends, right, left, key=key))
         self.ends = self.ends or set(number)
         self.drawn = self.drawn or {frozenset(pair) for pair in sides}

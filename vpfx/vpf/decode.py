@@ -109,7 +109,9 @@ def _decoded(column: Column, values: NDArray[Any] | Ragged) -> dict[str, Field]:
         dates = texts(values)
         return {"": text_field([None if date is None else iso_date(date) for date in dates])}
     if kind == "K" and not isinstance(values, Ragged):
-        fields = {suffix: Field(values[..., i], values[..., i] == 0) for i, suffix in enumerate(("", "_tile_id", "_ext_id"))}
+        fields = {
+            suffix: Field(values[..., i], values[..., i] == 0) for i, suffix in enumerate(("", "_tile_id", "_ext_id"))
+        }
         return {suffix: field for suffix, field in fields.items() if not suffix or not field.is_null.all()}
     if isinstance(values, Ragged) or values.ndim > 1:
         rows = [values.row(i) for i in range(values.n_row)] if isinstance(values, Ragged) else values

@@ -6,14 +6,15 @@ place, a place that is no number) is None. Source: specs/vpf.md, V-402, V-414, V
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 import shapely
 from numpy.typing import NDArray
 
 from vpfx.errors import VpfFormatError
-from vpfx.vpf.rings import Rings, WingedEdges, find_rings
+from vpfx.vpf.face_rings import find_rings, rings_of
+from vpfx.vpf.rings import Rings, WingedEdges
 from vpfx.vpf.table import Table
 from vpfx.vpf.values import Ragged, texts
 
@@ -32,7 +33,7 @@ class Faces(NamedTuple):
         Ascending. The universe is not among them: it has no outer ring.
     polygons : object (n,)
     mended, lost : int64
-        Ids of faces whose rings the links alone do not give, and of those that have none (`vpfx.vpf.rings.FoundRings`).
+        Ids of faces whose rings the links alone do not give, and of those that have none (`vpfx.vpf.face_rings.FoundRings`).
     """
 
     ids: Ids
@@ -76,7 +77,9 @@ def winged_edges(table: Table) -> WingedEdges:
         start, end = ids_of(table, "start_node") - 1, ids_of(table, "end_node") - 1
     else:
         start, end = _ends(_places(table, "coordinates"))
-    links = [_rows_of(table, ids_of(table, name)) if name in table else none - 1 for name in ("right_edge", "left_edge")]
+    links = [
+        _rows_of(table, ids_of(table, name)) if name in table else none - 1 for name in ("right_edge", "left_edge")
+    ]
     return WingedEdges(start, end, ids_of(table, "right_face") - 1, ids_of(table, "left_face") - 1, links[0], links[1])
 
 
@@ -205,7 +208,7 @@ def face_polygons(table: Table, wanted: Ids | None = None) -> Faces:
     """
     places, edges = _places(table, "coordinates"), winged_edges(table)
     found = find_rings(edges)
-    rings = found.rings if wanted is None else _of_faces(found.rings, np.asarray(wanted) - 1)
+    rings = found.rings if wanted is None else rings_of(found.rings, np.asarray(wanted) - 1)
     ring_places, is_whole = _ring_places(places, rings)
     area = _signed_areas(ring_places)
     is_used = is_whole & (area != 0)
@@ -220,12 +223,6 @@ def face_polygons(table: Table, wanted: Ids | None = None) -> Faces:
         polygons[faces] = _polygons(ring_places, np.flatnonzero(used), ring_face, is_outer, width)
     has_area = n_outer > 0
     return Faces(ids[has_area] + 1, polygons[has_area], found.mended + 1, found.lost + 1)
-
-
-def _of_faces(rings: Rings, faces: Ids) -> Rings:
-    """Rings of some faces."""
-    keep, n_side = np.isin(rings.faces, faces), np.diff(rings.starts)
-    return Rings(np.concatenate([[0], np.cumsum(n_side[keep])]), rings.sides[np.repeat(keep, n_side)], rings.faces[keep])
 
 
 def _ring_places(places: Ragged, rings: Rings) -> tuple[Ragged, NDArray[np.bool_]]:
@@ -249,7 +246,7 @@ def _signed_areas(rings: Ragged) -> NDArray[np.float64]:
     own = rings.values[:, :2] - rings.values[rings.starts[row], :2]
     with np.errstate(invalid="ignore", over="ignore"):
         cross = own[:, 0] * own[follower, 1] - own[follower, 0] * own[:, 1]
-    return np.bincount(row, cross, rings.n_row)
+    return np.bincount(row, cross, rings.n_row).astype(np.float64)
 
 
 def _polygons(rings: Ragged, used: Ids, ring_face: Ids, is_outer: NDArray[np.bool_], width: int) -> Geometries:

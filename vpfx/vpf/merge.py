@@ -5,6 +5,7 @@ Source: specs/vpf.md, V-420 to V-423.
 
 from __future__ import annotations
 
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -93,10 +94,12 @@ def _united(index: Ids, tile: Ids, parts: Geometries) -> Geometries:
     index, tile, parts = index[order], tile[order], parts[order]
     starts = np.concatenate([np.flatnonzero(np.diff(index, prepend=-1)), [len(index)]])
     united: Geometries = np.full(len(starts) - 1, None, object)
-    for i, (low, high) in enumerate(zip(starts[:-1], starts[1:], strict=True)):
+    for i, (low, high) in enumerate(pairwise(starts)):
         own = parts[low:high]
         if i not in broken:
-            own = np.array([_cover(part) for part in np.split(own, np.flatnonzero(np.diff(tile[low:high])) + 1)], object)
+            own = np.array(
+                [_cover(part) for part in np.split(own, np.flatnonzero(np.diff(tile[low:high])) + 1)], object
+            )
         united[i] = own[0] if len(own) == 1 else shapely.union_all(own)
     return united
 

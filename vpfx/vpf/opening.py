@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import os
 import re
+from collections.abc import Sequence
 from pathlib import Path
 from typing import NamedTuple
 
@@ -15,10 +16,15 @@ from vpfx.vpf.catalog import Coverage, FeatureClass, Join, Library, open_databas
 from vpfx.vpf.paths import find
 from vpfx.vpf.table import open_table
 
-__all__ = ["PRIMITIVES", "Opened", "feature_classes", "open_coverages"]
+__all__ = ["PRIMITIVES", "Opened", "feature_classes", "is_vpf", "open_coverages"]
 
-PRIMITIVES = {"P": ("end", "cnd"), "L": ("edg",), "A": ("fac",), "T": ("txt",)}
+PRIMITIVES = ("edg", "fac", "end", "cnd", "txt")
+
+OF_KIND = {"P": ("end", "cnd"), "L": ("edg",), "A": ("fac",), "T": ("txt",)}
 """Primitives that features of each kind can have."""
+
+MARKS = ("lat", "cat", "fcs", "edg", "end", "cnd", "txt")
+"""Tables of which a directory of VPF has one: a database the first, a library the second, a coverage another."""
 
 FEATURE_TABLE = re.compile(r"(.+)\.([plat])ft\.?", re.IGNORECASE)
 
@@ -62,25 +68,40 @@ def open_coverages(path: Path | str) -> Opened:
     root = Path(path)
     if not root.is_dir():
         raise NotFoundError(f"{path}: found no directory, expected a VPF database, a library or a coverage of one")
-    if not any(find(root, name) for name in ("lat", "cat")):
+    if not is_vpf(root):
+        raise NotFoundError(f"{path}: found none of {', '.join(MARKS)}, expected a directory of VPF")
+    if not any(find(root, name) for name in MARKS[:2]):
         return Opened((_lone_coverage(root),), ())
     database = open_database(root)
-    problems = [f"{database.path}: library {name!r} of lat is not there" for name in database.missing]
+    problems = _absent(f"{database.path}: libraries of lat", database.missing)
     coverages: list[Coverage] = []
     for library in database.libraries.values():
         try:
             coverages += library.coverages.values()
-            problems += [f"{library.path}: coverage {name!r} of cat is not there" for name in library.missing]
+            problems += _absent(f"{library.path}: coverages of cat", library.missing)
         except NotFoundError as error:
             problems.append(str(error))
     return Opened(tuple(coverages), tuple(problems))
 
 
+def is_vpf(path: Path | str) -> bool:
+    """Tell whether a directory looks like a database, a library or a coverage of VPF.
+
+    Raises
+    ------
+    VpfFormatError
+        It cannot be read.
+    """
+    return any(find(path, name) for name in MARKS)
+
+
+def _absent(what: str, names: Sequence[str]) -> list[str]:
+    """One line on what is not there; none if all is."""
+    return [f"{what} are not there: {', '.join(names)}"] if names else []
+
+
 def _lone_coverage(root: Path) -> Coverage:
     """A directory as the coverage of the library that it lies in, or seems to."""
-    names = ("fcs", "edg", "end", "cnd", "txt")
-    if not any(find(root, name) for name in names):
-        raise NotFoundError(f"{root}: found none of lat, cat, {', '.join(names)}, expected a directory of VPF")
     full = root.resolve()
     if find(full.parent, "cat"):
         (library,) = open_database(full.parent).libraries.values()
@@ -143,7 +164,7 @@ def _guessed(coverage: Coverage, table: str) -> FeatureClass | None:
     match = FEATURE_TABLE.fullmatch(table)
     assert match is not None
     name, kind = match[1], match[2].upper()
-    keys = [f"{primitive}_id" for primitive in PRIMITIVES[kind]]
+    keys = [f"{primitive}_id" for primitive in OF_KIND[kind]]
     columns = _columns(coverage, table)
     for key in keys:
         if key in columns:

@@ -10,6 +10,8 @@ Memory is that of one class and of the primitives of one tile. Source: specs/vpf
 from __future__ import annotations
 
 from collections.abc import Iterable
+from contextlib import suppress
+from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
@@ -20,9 +22,10 @@ from vpfx.vpf.catalog import Coverage, FeatureClass
 from vpfx.vpf.decode import Field, decode_fields, text_field
 from vpfx.vpf.geometry import edge_lines, face_polygons, find_rows, ids_of, node_points, text_places
 from vpfx.vpf.merge import merge_parts
+from vpfx.vpf.paths import find
 from vpfx.vpf.table import Table, read_table
 
-__all__ = ["FeatureRows", "read_class", "read_primitives", "tiles_of"]
+__all__ = ["FeatureRows", "class_tables", "read_class", "read_primitives", "tiles_of"]
 
 Geometries = NDArray[np.object_]
 Ids = NDArray[np.int64]
@@ -162,17 +165,17 @@ def _read_parts(coverage: Coverage, primitive: str, references: _References, whe
     return _Parts(geometry, texts, tuple(problems))
 
 
-def _table_of(coverage: Coverage, primitive: str, tile: int) -> Table:
+def _path_of(coverage: Coverage, primitive: str, tile: int) -> Path:
     """Table of primitives of a tile; of the coverage itself for tile 0, and where the library has no tiles."""
     name = "edg" if primitive == "fac" else primitive
     if tile not in coverage.library.tiles and coverage.find(name) is not None:
         tile = 0
-    return read_table(coverage.table(name, tile))
+    return coverage.table(name, tile)
 
 
 def _read_tile(coverage: Coverage, primitive: str, tile: int, ids: Ids, where: str) -> _Parts:
     """Geometries of some primitives of a tile."""
-    table = _table_of(coverage, primitive, tile)
+    table = read_table(_path_of(coverage, primitive, tile))
     place = f"{where}: tile {tile}" if tile else where
     texts: NDArray[np.object_] = np.full(len(ids), None, object)
     problems: tuple[str, ...] = ()
@@ -195,6 +198,27 @@ def _read_tile(coverage: Coverage, primitive: str, tile: int, ids: Ids, where: s
     is_lost = np.array([shape is None for shape in geometry], bool)
     problems += _told(place, f"primitives of {primitive} are not there, or have no shape", ids[is_lost])
     return _Parts(geometry, texts, problems)
+
+
+def class_tables(coverage: Coverage, found: FeatureClass) -> list[Path]:
+    """Tables that the geometry and the fields of a class are read from, those that are there; index files are none.
+
+    Raises
+    ------
+    NotFoundError, VpfFormatError
+        As `read_class`.
+    """
+    library = coverage.library
+    paths = [find(library.path, name, within=library.root) for name in ("grt", "tileref/tileref.aft")]
+    names = ["fcs", "int.vdt", "char.vdt", found.table, *([found.join.table] if found.join else [])]
+    paths += [coverage.find(name) for name in names]
+    if found.primitive:
+        table = read_table(coverage.table(found.table))
+        references, _ = _references(coverage, found, table, "")
+        for tile in np.unique(references.tile).tolist():
+            with suppress(NotFoundError):
+                paths.append(_path_of(coverage, found.primitive, tile))
+    return [path for path in paths if path is not None]
 
 
 def tiles_of(coverage: Coverage, primitive: str) -> list[int]:
@@ -222,9 +246,11 @@ def read_primitives(coverage: Coverage, primitive: str) -> FeatureRows:
     VpfFormatError
         A table is broken, or edges have no faces.
     """
-    tables, shapes, problems = [], [], []
+    tables: list[dict[str, Field]] = []
+    shapes: list[Geometries] = []
+    problems: list[str] = []
     for tile in tiles_of(coverage, primitive):
-        table = _table_of(coverage, primitive, tile)
+        table = read_table(_path_of(coverage, primitive, tile))
         if primitive == "fac":
             faces = face_polygons(table)
             known: dict[str, Field] = {"id": Field(faces.ids, np.zeros(len(faces.ids), bool))}
@@ -234,7 +260,9 @@ def read_primitives(coverage: Coverage, primitive: str) -> FeatureRows:
             geometry = faces.polygons
         else:
             known = decode_fields(table, without=("coordinate", "coordinates", "shape_line"))
-            geometry = {"edg": edge_lines, "txt": lambda table: text_places(table)[1]}.get(primitive, node_points)(table)
+            geometry = {"edg": edge_lines, "txt": lambda table: text_places(table)[1]}.get(primitive, node_points)(
+                table
+            )
         tiles = np.full(len(geometry), tile, np.int32)
         tables.append(known | {"tile_id": Field(tiles, np.zeros(len(tiles), bool))})
         shapes.append(geometry)
