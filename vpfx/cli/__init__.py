@@ -12,6 +12,7 @@ from vpfx.cli.query_sight import sight, viewshed
 from vpfx.cli.sql import sql
 from vpfx.cli.store import info, plot
 from vpfx.cli.validate import validate
+from vpfx.cli.vpf_gpkg import to_gpkg
 
 __all__ = [
     "app",
@@ -33,6 +34,7 @@ __all__ = [
     "region",
     "sight",
     "sql",
+    "to_gpkg",
     "validate",
     "viewshed",
     "volume",
