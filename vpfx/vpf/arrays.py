@@ -5,6 +5,7 @@ Source: specs/vpf.md, V-110 to V-117.
 
 from __future__ import annotations
 
+import datetime as dt
 from collections.abc import Mapping
 from typing import Any
 
@@ -12,9 +13,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vpfx.errors import InputError
+from vpfx.vpf import kernels
 from vpfx.vpf.header import COUNTED, KINDS, MOST_COUNT, TEXT_KINDS, Column, Layout
 from vpfx.vpf.rows import element_type
-from vpfx.vpf.values import NULL_DATE, NULL_INT, NULL_SHORT, Ragged, null_text, ragged
+from vpfx.vpf.values import NULL_INT, NULL_SHORT, Ragged, date_text, null_text, ragged
 
 __all__ = ["as_columns"]
 
@@ -81,19 +83,19 @@ def _as_array(column: Column, values: Any, n_row: int, where: str) -> NDArray[An
 
 
 def _without_none(column: Column, values: Any) -> Any:
-    """Return a list whose rows None are the null of the type (V-112)."""
+    """Return a list whose rows None are the null of the type (V-112), and whose dates are text."""
     values = list(values)
-    if not any(value is None for value in values):
+    if column.kind == "D":
+        return [date_text(value) if value is None or isinstance(value, dt.date) else value for value in values]
+    if all(value is not None for value in values):
         return values
-    n_member = KINDS[column.kind].n_member
-    null: Any = {"S": NULL_SHORT, "I": NULL_INT, "K": (0, 0, 0), "D": NULL_DATE}.get(column.kind, np.nan)
+    null: Any = {"S": NULL_SHORT, "I": NULL_INT}.get(column.kind, np.nan)
     if column.kind in TEXT_KINDS:
         null = null_text(column.count).decode()
+    elif column.kind == "K":
+        null = 0 if all(value is None or np.ndim(value) == 0 for value in values) else (0, 0, 0)
     elif column.kind in "CBZY":
         null = np.full(element_type(column).shape, np.nan)
-    elif column.kind == "K" and all(value is None or np.ndim(value) == 0 for value in values):
-        null = 0
-    assert n_member
     return [null if value is None else value for value in values]
 
 
@@ -103,7 +105,7 @@ def _as_numbers(column: Column, array: NDArray[Any], where: str) -> NDArray[Any]
     wanted = "iu" if kind.kind == "i" else "iuf"
     if array.dtype.kind not in wanted and array.size:
         raise InputError(f"{where}: found values of type {array.dtype}, expected {kind} (V-117)")
-    if kind.kind == "i" and array.size:
+    if kind.kind == "i" and array.size and (array.dtype != kind or column.kind == "K"):
         least, most = (0, MOST_ID) if column.kind == "K" else (np.iinfo(kind).min, np.iinfo(kind).max)
         if array.min() < least or array.max() > most:
             row = int(np.flatnonzero(((array < least) | (array > most)).reshape(len(array), -1).any(axis=1))[0])
@@ -122,31 +124,34 @@ def _refuse_overflow(array: NDArray[Any], cast: NDArray[Any], where: str) -> Non
 
 def _as_text(column: Column, values: Any, n_row: int, where: str) -> NDArray[Any]:
     """Return texts as bytes, blanks behind them up to the width of the column."""
-    width = KINDS[column.kind].size * (column.count if column.kind in TEXT_KINDS else 1)
-    array = np.asarray(values) if n_row else np.empty(0, f"S{width}")
+    array = np.asarray(values) if n_row else np.empty(0, "S1")
     if array.dtype.kind not in "SU" or array.shape != (n_row,):
         raise InputError(f"{where}: found an array of {array.dtype} {array.shape}, expected texts ({n_row},) (V-117)")
-    size = array.dtype.itemsize // (4 if array.dtype.kind == "U" else 1)
-    word = np.uint32 if array.dtype.kind == "U" else np.uint8
-    native = array.astype(array.dtype.newbyteorder("="), copy=False)
-    codes = np.ascontiguousarray(native).view(word).reshape(n_row, size)
-    _check_characters(column, codes, where)
-    if size > width and codes[:, width:].any():
-        row = int(np.flatnonzero(codes[:, width:].any(axis=1))[0])
-        raise InputError(f"{where}: row {row + 1}: found text {array[row]!r}, expected at most {width} bytes (V-117)")
-    out = np.full((n_row, width), ord(" "), np.uint8)
-    given = codes[:, :width]
-    # NumPy fills short texts with NULs; those at the end become blanks
-    is_inside = np.logical_or.accumulate((given != 0)[:, ::-1], axis=1)[:, ::-1]
-    np.copyto(out[:, : given.shape[1]], given, casting="unsafe", where=is_inside)
-    return out.reshape(-1).view(f"S{width}") if n_row else np.empty(0, f"S{width}")
+    width, most = element_type(column).itemsize, _most_character(column)
+    out = np.empty((n_row, width), np.uint8)
+    bad = kernels.pad_texts(_as_characters(array, where), most, out)
+    if bad >= 0:
+        name = "Latin-1" if most == 255 else "ASCII (type L takes Latin-1)"
+        expected = f"expected at most {width} characters of {name}"
+        raise InputError(f"{where}: row {bad + 1}: found {array[bad]!r}, {expected} (V-113)")
+    return out.reshape(-1).view(f"S{width}")
 
 
-def _check_characters(column: Column, codes: NDArray[Any], where: str) -> None:
-    most, name = (255, "Latin-1") if column.kind == "L" else (127, "ASCII; type L takes Latin-1")
-    if codes.size and codes.max() > most:
-        row = int(np.flatnonzero((codes > most).reshape(len(codes), -1).any(axis=1))[0])
-        raise InputError(f"{where}: row {row + 1}: found a character beyond {name} (V-113)")
+def _as_characters(array: NDArray[Any], where: str) -> NDArray[np.uint8]:
+    """Return texts as characters of Latin-1, uint8 (n_row, n), NULs behind short ones."""
+    n_row, array = len(array), np.ascontiguousarray(array)
+    if array.dtype.kind == "S":
+        return array.view(np.uint8).reshape(n_row, -1) if n_row else np.empty((0, 1), np.uint8)
+    codes = array.astype(array.dtype.newbyteorder("=")).view(np.uint32).reshape(n_row, -1)
+    beyond = np.flatnonzero((codes > 255).any(axis=1))
+    if len(beyond):
+        row = int(beyond[0])
+        raise InputError(f"{where}: row {row + 1}: found {array[row]!r}, expected characters of Latin-1 (V-113)")
+    return codes.astype(np.uint8)
+
+
+def _most_character(column: Column) -> int:
+    return 255 if column.kind == "L" else 127
 
 
 def _as_ragged(column: Column, values: Any, where: str) -> Ragged:
@@ -168,7 +173,10 @@ def _as_ragged(column: Column, values: Any, where: str) -> Ragged:
     if is_text:
         if elements.dtype != np.uint8 or elements.ndim != 1:
             raise InputError(f"{where}: found {elements.dtype} {elements.shape}, expected uint8 (n,) (V-117)")
-        _check_characters(column, elements, where)
+        if elements.size and elements.max() > _most_character(column):
+            beyond = int(np.flatnonzero(elements > _most_character(column))[0])
+            row = int(np.searchsorted(starts, beyond, "right"))
+            raise InputError(f"{where}: row {row}: found a character beyond ASCII, which type L takes (V-113)")
         return Ragged(starts, np.ascontiguousarray(elements))
     if elements.ndim != 2 or elements.shape[1] != n_member:
         raise InputError(f"{where}: found an array of shape {elements.shape}, expected (n, {n_member}) (V-117)")

@@ -230,13 +230,13 @@ def _parse_column(text: str, path: str) -> Column:
     head = fields[0].split()
     if len(head) == 2:  # a blank in the place of the comma, as once in DCW
         fields[:1] = head
-    fields = [_plain(field) for field in fields]
-    if fields[-1] == "":
+    if not _plain(fields[-1]):
         fields.pop()
     if not equals or not name or len(fields) < 2:
         raise _broken(path, f"found column {text[:80]!r}, expected name=type,count,key,description,…", "V-102")
     if len(fields) > 7:  # commas in the description
         fields[3:-3] = [",".join(fields[3:-3])]
+    fields = [_plain(field) for field in fields]
     fields += ["N", "", "-", "-", "-"][len(fields) - 2 :]
     kind, count, key, description, *names = fields
     kind, where = kind.upper(), f"column {name!r}"
@@ -264,7 +264,7 @@ def _name(text: str) -> str:
     return text or "-"
 
 
-def check_layout(layout: Layout, path: str = "") -> None:
+def check_layout(layout: Layout, path: str = "table") -> None:
     r"""Check that every reader known takes a table of this layout.
 
     Raises
@@ -299,7 +299,7 @@ def _check_column(column: Column, where: str) -> None:
     for field, most in _LIMITS.items():
         _check_text(getattr(column, field), field, most, where)
     if not column.name or " " in column.name:
-        raise InputError(f"{where}: found a blank name or a blank in it, expected none (V-104)")
+        raise InputError(f"{where}: found that name, expected one without blanks (V-104)")
     if column.kind not in KINDS or column.kind in _NOT_WRITTEN:
         known = " ".join(kind for kind in KINDS if kind not in _NOT_WRITTEN)
         raise InputError(f"{where}: found type {column.kind!r}, expected one of {known} (V-110)")

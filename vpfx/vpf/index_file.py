@@ -164,8 +164,4 @@ class IndexFile:
     def bounds(self, start: int, stop: int) -> NDArray[np.int64]:
         """Return where rows start, and where the last ends, int64 (stop - start + 1,)."""
         entries = self._entries(start, stop)
-        return np.concatenate([entries[:, 0], entries[-1:].sum(axis=1)])
-
-    def close(self) -> None:
-        """Close the file."""
-        self._file.close()
+        return np.concatenate([entries[:, 0], entries[-1:].sum(axis=1) if stop > start else [self._first]])

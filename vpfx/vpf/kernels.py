@@ -23,14 +23,15 @@ __all__ = [
     "RUNS_OVER",
     "SKIP",
     "TRIPLET",
+    "pad_texts",
+    "put_bytes",
     "put_runs",
     "put_triplets",
-    "put_words",
     "scan_rows",
+    "take_bytes",
     "take_counts",
     "take_runs",
     "take_triplets",
-    "take_words",
     "triplet_sizes",
 ]
 
@@ -43,24 +44,34 @@ FITS, OUT_OF_BYTES, RUNS_OVER = range(3)
 MOST_INT = 2**31 - 1
 
 
-@njit(nogil=True, cache=True, inline="always")
+@njit(nogil=True, cache=True)
 def _word(data, at, width, is_big):
     """Return the unsigned integer of so many bytes at a place."""
-    word = np.uint64(0)
-    for b in range(width):
-        byte = np.uint64(data[at + b])
-        word |= byte << np.uint64(8 * (width - 1 - b if is_big else b))
+    word, place = np.uint64(0), np.uint64(at)  # unsigned: no index counts from the end
+    for b in range(np.uint64(width)):
+        byte = np.uint64(data[place + b])
+        word |= byte << np.uint64(8) * (np.uint64(width - 1) - b if is_big else b)
     return word
 
 
-@njit(nogil=True, cache=True, inline="always")
+@njit(nogil=True, cache=True)
 def _put_word(data, at, width, is_big, word):
     """Put an unsigned integer of so many bytes at a place."""
-    for b in range(width):
-        data[at + b] = np.uint8((word >> np.uint64(8 * (width - 1 - b if is_big else b))) & np.uint64(255))
+    place = np.uint64(at)
+    for b in range(np.uint64(width)):
+        shift = np.uint64(8) * (np.uint64(width - 1) - b if is_big else b)
+        data[place + b] = np.uint8((word >> shift) & np.uint64(255))
 
 
-@njit(nogil=True, cache=True, inline="always")
+@njit(nogil=True, cache=True)
+def _copy(source, start, target, to, n):
+    """Copy bytes."""
+    start, to = np.uint64(start), np.uint64(to)
+    for j in range(np.uint64(n)):
+        target[to + j] = source[start + j]
+
+
+@njit(nogil=True, cache=True)
 def _width(code):
     """Return the bytes that a width code of a triplet stands for."""
     return 4 if code == 3 else code
@@ -122,12 +133,10 @@ def scan_rows(data, base, state, end, steps, is_big, starts):
 
 
 @njit(nogil=True, cache=True)
-def take_words(data, at, is_big, out):
-    """Take numbers of the width of `out`, unsigned (n_row, n), from each row's place; the caller has checked the ends."""
-    width = out.itemsize
+def take_bytes(data, at, out):
+    """Copy as many bytes as a row of `out`, uint8 (n_row, n), has from each row's place; the caller has checked the ends."""
     for i in range(len(at)):
-        for j in range(out.shape[1]):
-            out[i, j] = _word(data, at[i] + j * width, width, is_big)
+        _copy(data, at[i], out[i], 0, out.shape[1])
 
 
 @njit(nogil=True, cache=True)
@@ -149,10 +158,7 @@ def take_counts(data, at, ends, size, is_big, starts):
 def take_runs(data, at, starts, size, out):
     """Copy the elements behind each row's count, of so many bytes, to `out`, uint8 (starts[-1] * size,)."""
     for i in range(len(at)):
-        first, n = starts[i] * size, (starts[i + 1] - starts[i]) * size
-        place = at[i] + 4
-        for j in range(n):
-            out[first + j] = data[place + j]
+        _copy(data, at[i] + 4, out, starts[i] * size, (starts[i + 1] - starts[i]) * size)
 
 
 @njit(nogil=True, cache=True)
@@ -174,7 +180,7 @@ def take_triplets(data, at, ends, is_big, out):
     return -1
 
 
-@njit(nogil=True, cache=True, inline="always")
+@njit(nogil=True, cache=True)
 def _code(value):
     """Return the width code of the fewest bytes that hold a value."""
     return 0 if value == 0 else (1 if value < 256 else (2 if value < 65536 else 3))
@@ -208,19 +214,37 @@ def put_triplets(data, at, is_big, triplets):
 
 
 @njit(nogil=True, cache=True)
-def put_words(data, at, is_big, words):
-    """Put unsigned numbers (n_row, n) of the width they have at each row's place."""
-    width = words.itemsize
+def pad_texts(texts, most, out):
+    """Copy texts, uint8 (n_row, n), to `out` (n_row, width), NULs behind them made blanks.
+
+    Returns the first row with a text that is longer, or with a character greater than `most`, or -1.
+    """
+    width = out.shape[1]
+    for i in range(len(texts)):
+        n = texts.shape[1]
+        while n > 0 and texts[i, n - 1] == 0:
+            n -= 1
+        if n > width:
+            return i
+        for j in range(n):
+            if texts[i, j] > most:
+                return i
+            out[i, j] = texts[i, j]
+        out[i, n:] = 32
+    return -1
+
+
+@njit(nogil=True, cache=True)
+def put_bytes(data, at, values):
+    """Copy rows of bytes, uint8 (n_row, n), to their places."""
     for i in range(len(at)):
-        for j in range(words.shape[1]):
-            _put_word(data, at[i] + j * width, width, is_big, np.uint64(words[i, j]))
+        _copy(values[i], 0, data, at[i], values.shape[1])
 
 
 @njit(nogil=True, cache=True)
 def put_runs(data, at, is_big, starts, size, values):
     """Put a count and that many elements of so many bytes, from uint8 (starts[-1] * size,), at each row's place."""
     for i in range(len(at)):
-        count, first, place = starts[i + 1] - starts[i], starts[i] * size, at[i] + 4
+        count = starts[i + 1] - starts[i]
         _put_word(data, at[i], 4, is_big, np.uint64(count))
-        for j in range(count * size):
-            data[place + j] = values[first + j]
+        _copy(values, starts[i] * size, data, at[i] + 4, count * size)

@@ -32,6 +32,8 @@ __all__ = [
 BLOCK = 1 << 18
 """Bytes of rows that are worked on at a time: they stay in the processor's cache from one column to the next."""
 
+_HINT = "; if the index file is wrong, the table can be read without it"
+
 Columns = Mapping[str, Any]
 """Arrays and Raggeds by lower-case name."""
 
@@ -46,9 +48,9 @@ def element_type(column: Column, order: str = "=") -> np.dtype[Any]:
     """
     if column.kind == "K":
         return np.dtype((np.int64, (3,)))
+    member, n_member, _ = KINDS[column.kind]
     if column.kind in TEXT_KINDS:
         return np.dtype("u1" if column.count == COUNTED else f"S{column.count}")
-    member, n_member, _ = KINDS[column.kind]
     shape = (column.count,) * (column.count > 1) + (n_member,) * (n_member > 1)
     kind = np.dtype(order + member if member[0] != "S" else member)
     return np.dtype((kind, shape)) if shape else kind
@@ -72,15 +74,24 @@ def record_type(layout: Layout) -> np.dtype[Any]:
 
 
 def step_of(row_size: int) -> int:
-    """Return how many rows to work on at a time."""
+    """Return how many rows of one length to work on at a time."""
     return max(1, BLOCK // row_size)
 
 
 def iter_blocks(n_row: int, row_size: int) -> Iterator[slice]:
-    """Yield the rows to work on at a time."""
+    """Yield the rows of one length to work on at a time."""
     step = step_of(row_size)
     for start in range(0, n_row, step):
         yield slice(start, min(start + step, n_row))
+
+
+def iter_uneven_blocks(bounds: NDArray[np.int64]) -> Iterator[slice]:
+    """Yield the rows to work on at a time, where row i lies between bounds i and i + 1."""
+    start, n_row = 0, len(bounds) - 1
+    while start < n_row:
+        stop = max(start + 1, int(np.searchsorted(bounds, bounds[start] + BLOCK, "right")) - 1)
+        yield slice(start, stop)
+        start = stop
 
 
 def scan_steps(layout: Layout) -> NDArray[np.int64]:
@@ -98,7 +109,9 @@ def scan_steps(layout: Layout) -> NDArray[np.int64]:
     return np.array(steps, np.int64)
 
 
-def decode_rows(layout: Layout, data: NDArray[np.uint8], bounds: NDArray[np.int64], first: int, path: str) -> Columns:
+def decode_rows(
+    layout: Layout, data: NDArray[np.uint8], bounds: NDArray[np.int64], path: str, first: int = 0
+) -> dict[str, Any]:
     """Return the columns of rows of different lengths.
 
     Parameters
@@ -108,32 +121,46 @@ def decode_rows(layout: Layout, data: NDArray[np.uint8], bounds: NDArray[np.int6
     data : uint8 (n_byte,)
         Bytes of the rows.
     bounds : int64 (n_row + 1,)
-        Where rows start in them; the last row ends at the last.
-    first : int
-        Number of the first row in its table, and the file's name, for messages.
+        Where rows start in them, and where the last ends.
     path : str
-        The file.
+        The file, for messages.
+    first : int, optional
+        Number of rows before these, for messages.
 
     Raises
     ------
     VpfFormatError
-        A row does not end where it should; the message names it (V-120).
+        The values of a row do not end where the row does; the message names it (V-120).
     """
     at, ends = bounds[:-1].copy(), bounds[1:]
     columns: dict[str, Any] = {}
     for column in layout.columns:
         values, bad = _take_column(column, data, at, ends, layout.order == ">")
         if bad >= 0:
-            found = f"found bytes that end before the row does, at {bounds[-1] and int(at[bad] - bounds[bad])} of it"
-            expected = f"expected {int(ends[bad] - bounds[bad])} bytes with column {column.name!r} in them"
-            raise VpfFormatError(path, f"row {first + bad + 1}", f"{found}, {expected}", "V-120")
+            where = f"row {first + bad + 1}: column {column.name!r}"
+            found = f"found a value that runs over the end of its row, at byte {ends[bad] - bounds[bad]} of it"
+            raise VpfFormatError(path, where, f"{found}, expected it to end before{_HINT}", "V-120")
         columns[column.name.lower()] = values
     wrong = np.flatnonzero(at != ends)
     if len(wrong):
         row = int(wrong[0])
-        sizes = int(at[row] - bounds[row]), int(ends[row] - bounds[row])
-        message = f"found columns of {sizes[0]} bytes in a row of {sizes[1]}, expected as many"
-        raise VpfFormatError(path, f"row {first + row + 1}", message, "V-120")
+        message = f"found values of {at[row] - bounds[row]} bytes in a row of {ends[row] - bounds[row]}"
+        raise VpfFormatError(path, f"row {first + row + 1}", f"{message}, expected as many{_HINT}", "V-120")
+    return columns
+
+
+def join_columns(parts: list[dict[str, Any]]) -> dict[str, Any]:
+    """Return the columns of parts of a table, one behind the other."""
+    if len(parts) == 1:
+        return parts[0]
+    columns: dict[str, Any] = {}
+    for name in parts[0]:
+        values = [part[name] for part in parts]
+        if isinstance(values[0], Ragged):
+            counts = np.concatenate([[0], *(part.counts for part in values)])
+            columns[name] = Ragged(np.cumsum(counts), np.concatenate([part.values for part in values]))
+        else:
+            columns[name] = np.concatenate(values)
     return columns
 
 
@@ -141,46 +168,40 @@ def _take_column(
     column: Column, data: NDArray[np.uint8], at: NDArray[np.int64], ends: NDArray[np.int64], is_big: bool
 ) -> tuple[Any, int]:
     """Return the values of a column and the first row that is too short or -1; move all places behind the values."""
+    n_row = len(at)
+    if column.kind == "X":
+        return empty_column(column, n_row), -1
+    kind = element_type(column)
     if column.kind == "K":
-        triplets = empty_column(column, len(at))
+        triplets = np.empty(n_row, kind)
         return triplets, kernels.take_triplets(data, at, ends, is_big, triplets)
     if column.count == COUNTED:
-        size, starts = KINDS[column.kind].size, np.zeros(len(at) + 1, np.int64)
+        size, starts = KINDS[column.kind].size, np.zeros(n_row + 1, np.int64)
         bad = kernels.take_counts(data, at, ends, size, is_big, starts)
         if bad >= 0:
             return None, bad
-        out = np.empty(int(starts[-1]) * size, np.uint8)
-        kernels.take_runs(data, at, starts, size, out)
+        values = np.empty(starts[-1], kind)
+        kernels.take_runs(data, at, starts, size, _as_bytes(values, size).reshape(-1))
         at += 4 + size * np.diff(starts)
-        return Ragged(starts, _typed(out, column, is_big)), -1
+        return Ragged(starts, _swapped(values, is_big)), -1
     short = np.flatnonzero(at + column.size > ends)
     if len(short):
         return None, int(short[0])
-    values = empty_column(column, len(at))
-    if column.size:
-        kernels.take_words(data, at, is_big, _words(values, column))
+    values = empty_column(column, n_row)
+    kernels.take_bytes(data, at, _as_bytes(values, column.size))
     at += column.size
-    return values, -1
+    return _swapped(values, is_big), -1
 
 
-def _typed(out: NDArray[np.uint8], column: Column, is_big: bool) -> NDArray[Any]:
-    """Return the bytes of elements as elements in native byte order."""
-    one = element_type(column._replace(count=1))
-    if column.kind in TEXT_KINDS:
-        return out
-    values = out.view(one.base).reshape(-1, *one.shape)
-    return values.byteswap(inplace=True) if _is_swapped(is_big, one) else values
+def _as_bytes(values: NDArray[Any], size: int) -> NDArray[np.uint8]:
+    """Return values of so many bytes as bytes, uint8 (n, size), that share their memory."""
+    return values.reshape(-1).view(np.uint8).reshape(len(values), size)
 
 
-def _is_swapped(is_big: bool, kind: np.dtype[Any]) -> bool:
-    return kind.base.kind != "S" and (np.dtype(">i4").isnative != is_big)
-
-
-def _words(values: NDArray[Any], column: Column) -> NDArray[Any]:
-    """Return values (n_row, ...) as unsigned numbers (n_row, n) that share their memory."""
-    member = KINDS[column.kind].member
-    word = "u1" if member[0] == "S" else f"u{member[1]}"
-    return values.reshape(-1).view(word).reshape(len(values), -1)
+def _swapped(values: NDArray[Any], is_big: bool) -> NDArray[Any]:
+    """Return values with their bytes in the other order, in their place, if that is not the processor's."""
+    is_swapped = values.dtype.kind != "S" and np.dtype(">i4").isnative != is_big
+    return values.byteswap(inplace=True) if is_swapped else values
 
 
 def row_sizes(layout: Layout, columns: Columns, n_row: int) -> NDArray[np.int64]:
@@ -213,14 +234,10 @@ def encode_rows(layout: Layout, columns: Columns, bounds: NDArray[np.int64]) -> 
         if column.kind == "K":
             kernels.put_triplets(data, at, is_big, values)
         elif column.count == COUNTED:
-            size = KINDS[column.kind].size
-            elements = values.values
-            if _is_swapped(is_big, elements.dtype) and elements.dtype.itemsize > 1:
-                elements = elements.byteswap()
-            runs = np.ascontiguousarray(elements).reshape(-1).view(np.uint8)
-            kernels.put_runs(data, at, is_big, values.starts, size, runs)
+            size, runs = KINDS[column.kind].size, _swapped(values.values.copy(), is_big)
+            kernels.put_runs(data, at, is_big, values.starts, size, _as_bytes(runs, size).reshape(-1))
             at += 4 + size * values.counts
-        elif column.size:
-            kernels.put_words(data, at, is_big, _words(np.ascontiguousarray(values), column))
+        elif column.kind != "X":
+            kernels.put_bytes(data, at, _as_bytes(_swapped(values.copy(), is_big), column.size))
             at += column.size
     return data

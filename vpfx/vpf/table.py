@@ -8,7 +8,8 @@ Source: specs/vpf.md, V-100 to V-141.
 from __future__ import annotations
 
 import io
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
+from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
@@ -17,11 +18,21 @@ from typing import Any, BinaryIO
 import numpy as np
 from numpy.typing import NDArray
 
+from vpfx.checks import whole_number
 from vpfx.errors import NotFoundError, VpfFormatError
 from vpfx.vpf import kernels
 from vpfx.vpf.header import Column, Layout, header_size, parse_header
 from vpfx.vpf.index_file import IndexFile, find_index, index_name
-from vpfx.vpf.rows import decode_rows, empty_column, iter_blocks, record_type, scan_steps, step_of
+from vpfx.vpf.rows import (
+    decode_rows,
+    empty_column,
+    iter_blocks,
+    iter_uneven_blocks,
+    join_columns,
+    record_type,
+    scan_steps,
+    step_of,
+)
 from vpfx.vpf.values import Ragged
 from vpfx.vpf.writer import TableWriter, encode, write_table
 
@@ -104,7 +115,7 @@ class TableFile:
     """
 
     def __init__(self, file: BinaryIO, index: BinaryIO | None, path: str) -> None:
-        self._file, self.path = file, path
+        self._file, self._index_file, self.path = file, index, path
         self._size = file.seek(0, 2)
         file.seek(0)
         start = file.read(5)
@@ -139,8 +150,8 @@ class TableFile:
     def close(self) -> None:
         """Close the file and its index."""
         self._file.close()
-        if self._index is not None:
-            self._index.close()
+        if self._index_file is not None:
+            self._index_file.close()
 
     def read(self, start: int = 0, stop: int | None = None) -> Table:
         """Return the rows from start to before stop, or to the end, as arrays.
@@ -153,14 +164,22 @@ class TableFile:
         start, stop, _ = slice(start, stop).indices(self.n_row)
         stop = max(start, stop)
         columns = self._read_variable(start, stop) if self.layout.is_variable else self._read_fixed(start, stop)
-        return Table(self.layout, dict(columns), stop - start, self.path)
+        return Table(self.layout, columns, stop - start, self.path)
 
     def batches(self, n_row: int) -> Iterator[Table]:
-        """Yield all rows, so many at a time."""
-        for start in range(0, self.n_row, n_row):
-            yield self.read(start, start + n_row)
+        """Return all rows, so many at a time.
 
-    def _read_fixed(self, start: int, stop: int) -> Mapping[str, Any]:
+        Raises
+        ------
+        InputError
+            The number is not at least 1.
+        VpfFormatError
+            As `read`.
+        """
+        step = whole_number(n_row, "rows of a batch", 1)
+        return (self.read(start, start + step) for start in range(0, self.n_row, step))
+
+    def _read_fixed(self, start: int, stop: int) -> dict[str, Any]:
         n_row, size = stop - start, self.layout.row_size
         columns = {column.name.lower(): empty_column(column, n_row) for column in self.layout.columns}
         records = np.empty(min(n_row, step_of(size)), record_type(self.layout))
@@ -172,39 +191,49 @@ class TableFile:
                 columns[name][rows] = part[name]
         return columns
 
-    def _read_variable(self, start: int, stop: int) -> Mapping[str, Any]:
-        if start == stop:
-            bounds = np.zeros(1, np.int64)
-        elif self._bounds is not None:
+    def _read_variable(self, start: int, stop: int) -> dict[str, Any]:
+        if self._bounds is not None:
             bounds = self._bounds[start : stop + 1]
         else:
             assert self._index is not None
             bounds = self._index.bounds(start, stop)
-        data = np.empty(int(bounds[-1] - bounds[0]), np.uint8)
         self._file.seek(int(bounds[0]))
+        parts = [
+            self._read_part(bounds[rows.start : rows.stop + 1], start + rows.start)
+            for rows in iter_uneven_blocks(bounds)
+        ]
+        return join_columns(parts or [decode_rows(self.layout, np.empty(0, np.uint8), bounds, self.path)])
+
+    def _read_part(self, bounds: NDArray[np.int64], first: int) -> dict[str, Any]:
+        """Return the columns of rows that lie between some bounds, where the file stands."""
+        data = np.empty(int(bounds[-1] - bounds[0]), np.uint8)
         self._fill(data)
-        return decode_rows(self.layout, data, bounds - bounds[0], start, self.path)
+        return decode_rows(self.layout, data, bounds - bounds[0], self.path, first)
 
     def _fill(self, data: NDArray[np.uint8]) -> None:
         """Read bytes from where the file stands."""
-        n_byte = self._file.readinto(data.data)  # type: ignore[attr-defined]
-        if n_byte != len(data):
-            found = f"found {n_byte} bytes where {len(data)} were when it was opened"
-            raise VpfFormatError(self.path, "", f"{found}, expected a file that nobody changes")
+        if self._file.readinto(data.data) != len(data):  # type: ignore[attr-defined]
+            raise self._shrunk()
+
+    def _shrunk(self) -> VpfFormatError:
+        message = f"found fewer bytes than the {self._size} there were when it was opened, expected as many"
+        return VpfFormatError(self.path, "", message, "V-100")
 
     def _scan(self) -> NDArray[np.int64]:
         """Return where rows start, and where the last ends, int64 (n_row + 1,), found from row to row."""
         steps = scan_steps(self.layout)
         state = np.array([self._first, 0, self._first], np.int64)
-        room = np.empty(_SCAN_BYTES // self.layout.row_size + 1, np.int64)
+        room = np.empty(min(_SCAN_BYTES, self._size) // self.layout.row_size + 1, np.int64)
         found, ended, n_row = [], kernels.OUT_OF_BYTES, 0
         while ended == kernels.OUT_OF_BYTES:
-            self._file.seek(int(state[0]))
-            base = int(state[0])
+            base, before = int(state[0]), state.copy()
+            self._file.seek(base)
             data = np.frombuffer(self._file.read(_SCAN_BYTES), np.uint8)
             n, ended = kernels.scan_rows(data, base, state, self._size, steps, self.layout.order == ">", room)
             found.append(room[:n].copy())
             n_row += n
+            if ended == kernels.OUT_OF_BYTES and (state == before).all():
+                raise self._shrunk()
         row_start = int(state[2])
         if ended == kernels.RUNS_OVER and self._size - row_start >= self.layout.row_size:
             message = f"found a row at offset {row_start} that runs over the end of the file at {self._size}"
@@ -212,8 +241,15 @@ class TableFile:
         return np.concatenate([*found, [row_start]])
 
 
-def open_table(path: Path | str) -> TableFile:
-    """Open a table, and its index file if rows differ in length; a context manager.
+def open_table(path: Path | str, *, name: str = "") -> TableFile:
+    """Open a table, and its index file if there is one; a context manager.
+
+    Parameters
+    ----------
+    path : Path or str
+        The table.
+    name : str, optional
+        What messages call it; the path if empty.
 
     Raises
     ------
@@ -223,31 +259,39 @@ def open_table(path: Path | str) -> TableFile:
         It is no table, or cannot be read.
     """
     path = Path(path)
+    name = name or str(path)
     if not path.is_file():
-        raise NotFoundError(f"{path}: found no file, expected a table")
-    try:
-        file = open(path, "rb")  # noqa: SIM115  # the TableFile closes it
+        raise NotFoundError(f"{name}: found no file, expected a table")
+    with ExitStack() as opened:
         try:
+            file = opened.enter_context(open(path, "rb"))
             found = find_index(path)
-            index = None if found is None else open(found, "rb")  # noqa: SIM115
-            return TableFile(file, index, str(path))
-        except BaseException:
-            file.close()
-            raise
-    except OSError as error:
-        raise VpfFormatError(str(path), "", f"cannot be read: {error.strerror}") from error
+            index = None if found is None else opened.enter_context(open(found, "rb"))
+            table = TableFile(file, index, name)
+        except OSError as error:
+            raise VpfFormatError(name, "", f"cannot be read: {error.strerror}") from error
+        opened.pop_all()
+        return table
 
 
 def read_table(path: Path | str, *, name: str = "") -> Table:
-    """Return a whole table; messages call it `name` if that is given.
+    """Return a whole table.
 
     Raises
     ------
     NotFoundError, VpfFormatError
         As `open_table` and `TableFile.read`.
+
+    Examples
+    --------
+    >>> from tempfile import mkdtemp
+    >>> path = Path(mkdtemp()) / "cnd"
+    >>> layout = Layout("Nodes", (Column("id", "I", 1, "P"), Column("first_edge", "I"), Column("coordinate", "C")))
+    >>> write_table(path, layout, {"id": [1], "first_edge": [4], "coordinate": [(10.5, 51.75)]})
+    >>> read_table(path)["coordinate"]
+    array([[10.5 , 51.75]], dtype=float32)
     """
-    with open_table(path) as file:
-        file.path = name or file.path
+    with open_table(path, name=name) as file:
         return file.read()
 
 

@@ -7,8 +7,9 @@ from __future__ import annotations
 
 import io
 import os
-from collections.abc import Mapping
-from contextlib import suppress
+import shutil
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from types import TracebackType
 from typing import Any, BinaryIO
@@ -17,9 +18,9 @@ import numpy as np
 
 from vpfx.errors import InputError, StoreError
 from vpfx.vpf.arrays import as_columns
-from vpfx.vpf.header import Layout, header_bytes
+from vpfx.vpf.header import Layout, check_layout, header_bytes
 from vpfx.vpf.index_file import MOST_OFFSET, index_entries, index_head, index_names
-from vpfx.vpf.rows import encode_rows, iter_blocks, record_type, row_sizes, step_of
+from vpfx.vpf.rows import encode_rows, iter_blocks, iter_uneven_blocks, record_type, row_sizes, step_of
 from vpfx.vpf.values import Ragged
 
 __all__ = ["TableWriter", "encode", "write_table"]
@@ -61,7 +62,7 @@ class _Rows:
         if end > MOST_OFFSET:
             found = f"found rows up to offset {end}, expected up to {MOST_OFFSET}, what an index file can hold"
             raise InputError(f"{self._path}: {found} (V-141); use smaller tiles")
-        for rows in iter_blocks(n_row, max(1, int(bounds[-1]) // max(1, n_row))):
+        for rows in iter_uneven_blocks(bounds):
             part = {
                 name: values.rows(rows.start, rows.stop) if isinstance(values, Ragged) else values[rows]
                 for name, values in columns.items()
@@ -112,14 +113,14 @@ class TableWriter:
 
     def __init__(self, path: Path | str, layout: Layout) -> None:
         self.path = Path(path)
-        header_bytes(layout)
+        check_layout(layout, str(path))
         names = index_names(self.path.name) if layout.is_variable else []
-        self._targets = [self.path, *(self.path.with_name(name) for name in names[:1])]
-        self._copies = [self.path.with_name(name) for name in names[1:]]
+        self._targets = [self.path, *(self.path.with_name(name) for name in names)]
         self._files: list[BinaryIO] = []
+        self._is_open = True
         try:
-            for target in self._targets:
-                self._files.append(open(self._temporary(target), "w+b"))  # noqa: SIM115  # closed in `close`
+            for target in self._targets[:2]:
+                self._files.append(open(_temporary(target), "w+b"))  # noqa: SIM115  # closed in `close`
             self._rows = _Rows(layout, self._files[0], self._files[1] if names else None, str(path))
         except OSError as error:
             self._discard()
@@ -144,10 +145,37 @@ class TableWriter:
     def append(self, columns: Mapping[str, Any]) -> None:
         """Append rows, given by columns as a table has them; lists are taken too, and None is null.
 
-        After an exception the writer is of no more use, and nothing is left of the table.
+        After an exception nothing is left of the table, and the writer takes no more.
         """
-        try:
+        with self._step():
             self._rows.append(columns)
+
+    def close(self) -> None:
+        """Give the files their names."""
+        placed: list[Path] = []
+        with self._step():
+            self._rows.finish()
+            for target in self._targets[2:]:
+                self._copy_index(target)
+            for file in self._files:
+                file.close()
+            try:
+                for target in reversed(self._targets):  # the table last: it is whole only with its index
+                    os.replace(_temporary(target), target)
+                    placed.append(target)
+            except BaseException:
+                for target in placed:
+                    target.unlink(missing_ok=True)
+                raise
+            self._is_open = False
+
+    @contextmanager
+    def _step(self) -> Iterator[None]:
+        """Surround what may fail: then nothing is left."""
+        if not self._is_open:
+            raise InputError(f"{self.path}: found a writer that is closed, or whose rows were refused before")
+        try:
+            yield
         except OSError as error:
             self._discard()
             raise StoreError(f"{self.path}: cannot be written: {error.strerror}") from error
@@ -155,33 +183,23 @@ class TableWriter:
             self._discard()
             raise
 
-    def close(self) -> None:
-        """Give the files their names."""
-        try:
-            self._rows.finish()
-            for copy in self._copies:
-                self._files[1].seek(0)
-                with open(self._temporary(copy), "wb") as target_file:
-                    while block := self._files[1].read(1 << 20):
-                        target_file.write(block)
-            for file in self._files:
-                file.close()
-            for target in [*self._copies, *reversed(self._targets)]:
-                os.replace(self._temporary(target), target)
-        except OSError as error:
-            self._discard()
-            raise StoreError(f"{self.path}: cannot be written: {error.strerror}") from error
-
-    def _temporary(self, target: Path) -> Path:
-        return target.with_name(f".{target.name}.{os.getpid()}.tmp")
+    def _copy_index(self, target: Path) -> None:
+        self._files[1].seek(0)
+        with open(_temporary(target), "wb") as file:
+            shutil.copyfileobj(self._files[1], file)
 
     def _discard(self) -> None:
+        self._is_open = False
         for file in self._files:
             with suppress(OSError):
                 file.close()
-        for target in [*self._targets, *self._copies]:
+        for target in self._targets:
             with suppress(OSError):  # the error that led here is the one to tell
-                self._temporary(target).unlink(missing_ok=True)
+                _temporary(target).unlink(missing_ok=True)
+
+
+def _temporary(target: Path) -> Path:
+    return target.with_name(f".{target.name}.{os.getpid()}.tmp")
 
 
 def write_table(path: Path | str, layout: Layout, columns: Mapping[str, Any]) -> None:
@@ -206,7 +224,7 @@ def encode(layout: Layout, columns: Mapping[str, Any]) -> tuple[bytes, bytes | N
     """
     file = io.BytesIO()
     index = io.BytesIO() if layout.is_variable else None
-    rows = _Rows(layout, file, index, layout.description)
+    rows = _Rows(layout, file, index, "table")
     rows.append(columns)
     rows.finish()
     return file.getvalue(), None if index is None else index.getvalue()
