@@ -11,6 +11,7 @@ from vpfx.cli.query_sight import sight, viewshed
 from vpfx.cli.sql import sql
 from vpfx.cli.store import info, plot
 from vpfx.cli.validate import validate
+from vpfx.cli.vpf import dump, ls, vpf
 
 __all__ = [
     "app",
@@ -20,8 +21,10 @@ __all__ = [
     "compare",
     "contours",
     "cut",
+    "dump",
     "height_range",
     "info",
+    "ls",
     "main",
     "measure",
     "nearest",
@@ -34,4 +37,5 @@ __all__ = [
     "validate",
     "viewshed",
     "volume",
+    "vpf",
 ]
