@@ -12,6 +12,7 @@ from vpfx.cli.query_sight import sight, viewshed
 from vpfx.cli.sql import sql
 from vpfx.cli.store import info, plot
 from vpfx.cli.validate import validate
+from vpfx.cli.vpf import dump, ls, vpf
 from vpfx.cli.vpf_gpkg import to_gpkg
 
 __all__ = [
@@ -22,9 +23,11 @@ __all__ = [
     "compare",
     "contours",
     "cut",
+    "dump",
     "export",
     "height_range",
     "info",
+    "ls",
     "main",
     "measure",
     "nearest",
@@ -38,4 +41,5 @@ __all__ = [
     "validate",
     "viewshed",
     "volume",
+    "vpf",
 ]
