@@ -6,6 +6,7 @@ import io
 import json
 import re
 import sys
+import warnings
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
@@ -18,7 +19,7 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 from rich.table import Table
 
 from vpfx import __version__
-from vpfx.errors import InputError, VpfxError
+from vpfx.errors import InputError, VpfxError, VpfxWarning
 from vpfx.store.summary import LevelSummary
 
 __all__ = [
@@ -50,7 +51,8 @@ def main(arguments: Sequence[str] | None = None) -> None:
         if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors="backslashreplace")
     try:
-        code = app.main(arguments, prog_name="vpfx", standalone_mode=False)
+        with _warnings_in_one_line():
+            code = app.main(arguments, prog_name="vpfx", standalone_mode=False)
     except click.exceptions.NoArgsIsHelpError as error:
         print(error.format_message(), file=sys.stderr)
         sys.exit(USAGE)
@@ -68,6 +70,23 @@ def main(arguments: Sequence[str] | None = None) -> None:
     except (KeyboardInterrupt, click.Abort):
         _fail("vpfx: interrupted; nothing was changed", INTERRUPTED)
     sys.exit(code or 0)
+
+
+@contextmanager
+def _warnings_in_one_line() -> Iterator[None]:
+    """Print our own warnings as errors are, without their place in the code."""
+    with warnings.catch_warnings():
+        before = warnings.showwarning
+
+        def show(message: Warning | str, category: type[Warning], *place: Any, **more: Any) -> None:
+            if issubclass(category, VpfxWarning):
+                print("vpfx: " + " ".join(str(message).split("\n")), file=sys.stderr)
+            else:
+                before(message, category, *place, **more)
+
+        warnings.simplefilter("always", VpfxWarning)
+        warnings.showwarning = show
+        yield
 
 
 def _fail(message: str, code: int) -> None:
@@ -125,8 +144,10 @@ def _grid(text: str) -> tuple[int, int]:
 def feature_flags(what: str) -> Callable[[Any], Any]:
     """Add the options of features to a command."""
     options = (
-        click.option("--features", multiple=True, metavar="FILE", help=what),
-        click.option("--features-layer", metavar="NAME", help="Layer of such a file with several."),
+        click.option("--features", multiple=True, metavar="FILE|DIR", help=what),
+        click.option(
+            "--features-layer", metavar="NAME", help="Layer of such a file with several; of VPF COVERAGE/CLASS."
+        ),
         click.option(
             "--features-z", is_flag=True, help="Their vertices keep their own z, metres, instead of the DEM's heights."
         ),

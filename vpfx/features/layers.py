@@ -134,6 +134,7 @@ def readable(name: str, what: str) -> Iterator[None]:
 def _read_vpf(name: str, full: str, crs: CRS, extent: Extent, layer: str | None, columns: list[str] | None) -> Layer:
     """As `read_layer`, of a directory of VPF."""
     names = vpf_layers.layer_names(full)
+    layer = None if layer is None else layer.lower()
     _check_layer(name, names, layer)
     found = vpf_layers.read_layer(full, layer or names[0])
     if found.crs is None:

@@ -37,7 +37,10 @@ FAMILIES = (
 
 KINDS = {"edg": "L", "fac": "A", "end": "P", "cnd": "P", "txt": "T"}
 OF_KIND = {"P": "Point", "L": "LineString", "A": "Polygon", "T": "Point"}
-DATE = "1970-01-01T00:00:00.000Z"  # of last change, fixed: the same input gives the same bytes
+GDAL_OPTIONS = {
+    "OGR_CURRENT_DATE": "1970-01-01T00:00:00.000Z",  # of last change: the same input gives the same bytes
+    "OGR_SQLITE_SYNCHRONOUS": "OFF",  # the file has its name only when it is on the disk
+}
 TAKEN = ("gpkg_", "rtree_", "sqlite_")  # beginnings of names that GeoPackage and SQLite keep for themselves
 
 
@@ -172,6 +175,8 @@ def _whole(output: Path) -> Iterator[Path]:
     under_way = output.with_name(f".{output.stem}.{os.getpid()}.tmp.gpkg")
     try:
         yield under_way
+        with open(under_way, "rb") as file:
+            os.fsync(file.fileno())
         under_way.replace(output)
     except (OSError, pyogrio.errors.DataSourceError, pyogrio.errors.DataLayerError, pyogrio.errors.FeatureError,
             pyogrio.errors.FieldError, pyogrio.errors.GeometryError) as error:  # fmt: skip
@@ -184,15 +189,15 @@ def _whole(output: Path) -> Iterator[Path]:
 
 @contextmanager
 def _quiet() -> Iterator[None]:
-    """Let GDAL write the date `DATE`, no other, and say nothing of layers without CRS or with some heights."""
-    before = pyogrio.get_gdal_config_option("OGR_CURRENT_DATE")
-    pyogrio.set_gdal_config_options({"OGR_CURRENT_DATE": DATE})
+    """Let GDAL write one date, wait for the disk at the end only, and say nothing of layers without CRS."""
+    before = {name: pyogrio.get_gdal_config_option(name) for name in GDAL_OPTIONS}
+    pyogrio.set_gdal_config_options(GDAL_OPTIONS)
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
             yield
     finally:
-        pyogrio.set_gdal_config_options({"OGR_CURRENT_DATE": before})
+        pyogrio.set_gdal_config_options(before)
 
 
 def _write_layer(path: Path, name: str, rows: FeatureRows, kind: str, crs: str | None) -> LayerSummary:

@@ -24,7 +24,7 @@ OF_KIND = {"P": ("end", "cnd"), "L": ("edg",), "A": ("fac",), "T": ("txt",)}
 """Primitives that features of each kind can have."""
 
 MARKS = ("lat", "cat", "fcs", "edg", "end", "cnd", "txt")
-"""Tables of which a directory of VPF has one: a database the first, a library the second, a coverage another."""
+"""Tables of which a directory of VPF has one: a database the first, a library the second, a coverage another or features."""
 
 FEATURE_TABLE = re.compile(r"(.+)\.([plat])ft\.?", re.IGNORECASE)
 
@@ -50,7 +50,7 @@ def open_coverages(path: Path | str) -> Opened:
     Parameters
     ----------
     path : path
-        A database (with ``lat``), a library (with ``cat``), or a coverage: with ``fcs`` or a table of primitives.
+        A database (with ``lat``), a library (with ``cat``), or a coverage: with ``fcs``, features or primitives.
 
     Raises
     ------
@@ -92,7 +92,7 @@ def is_vpf(path: Path | str) -> bool:
     VpfFormatError
         It cannot be read.
     """
-    return any(find(path, name) for name in MARKS)
+    return any(find(path, name) for name in MARKS) or bool(_feature_tables(Path(path)))
 
 
 def _absent(what: str, names: Sequence[str]) -> list[str]:
