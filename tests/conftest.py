@@ -26,14 +26,11 @@ def shared_feature(name: str) -> Path:
 
 def shared_vpf(name: str) -> Path:
     """Return a file or directory of the real VPF data beside the repository, or skip the test."""
-    path = SHARED / "data" / "vpf" / name
-    if not path.exists():
-        pytest.skip(f"../shared/data/vpf/{name} is absent")
-    return path
+    return _shared("vpf", name)
 
 
 def _shared(kind: str, name: str) -> Path:
     path = SHARED / "data" / kind / name
-    if not path.is_file():
+    if not path.exists():
         pytest.skip(f"../shared/data/{kind}/{name} is absent")
     return path

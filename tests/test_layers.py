@@ -21,8 +21,8 @@ LAYERS = (
     {"topology"},
     {"dem", "methods", "store", "mesh_files", "vpf"},  # these do not know each other
     {"features", "patches", "measures", "query"},
-    {"pipeline", "report", "table_2", "attach"},
-    {"compare", "plot", "validate"},
+    {"pipeline", "report", "table_2", "attach", "evpf"},
+    {"compare", "plot", "validate", "export"},
     {"gallery"},
     {"cli"},
     {"__main__"},

@@ -4,6 +4,7 @@ from vpfx.cli.attributes import attach
 from vpfx.cli.build import build
 from vpfx.cli.common import app, main
 from vpfx.cli.compare import compare, measure
+from vpfx.cli.export import export
 from vpfx.cli.query import at, nearest, profile, query
 from vpfx.cli.query_areas import contours, height_range, region, volume
 from vpfx.cli.query_cut import cut
@@ -22,6 +23,7 @@ __all__ = [
     "contours",
     "cut",
     "dump",
+    "export",
     "height_range",
     "info",
     "ls",

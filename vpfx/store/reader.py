@@ -367,6 +367,10 @@ class StoreReader:
         query = f"SELECT feature_id, {names} FROM {found.name} WHERE feature_id BETWEEN ? AND ?"
         return {row[0]: row[1:] for row in self._connection.execute(query, (low, high))}
 
+    def raw(self, query: str, values: Sequence[Any] = ()) -> list[tuple[Any, ...]]:
+        """Run a query and return its rows as SQLite gives them."""
+        return self._connection.execute(query, values).fetchall()
+
     def select(self, query: str, values: Sequence[Any] = ()) -> dict[str, NDArray[Any]]:
         """Run a query and return its columns as arrays; NULL is -1, or NaN in columns of reals.
 

@@ -1,41 +1,27 @@
-"""Surveyed points, lines and outlines of areas, read by GDAL through pyogrio and brought into the CRS of a DEM or store."""
+"""Surveyed points, lines and outlines of areas, of vector files (by pyogrio) or VPF, brought into the CRS of a DEM or store."""
 
 from __future__ import annotations
 
 import os
-import re
-import warnings
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager, suppress
+from collections.abc import Sequence
 from typing import Any, NamedTuple
+from warnings import warn
 
 import numpy as np
-import pyogrio
-import pyogrio.errors
 import shapely
-import shapely.errors
 from numpy.typing import NDArray
 from pyproj import CRS, Transformer
-from pyproj.exceptions import CRSError, ProjError
 
-from vpfx.dem.paths import Source, gdal_name, source_of
-from vpfx.dem.reference import split_crs
-from vpfx.errors import DemFormatError, FeatureFormatError, InputError
+from vpfx.dem.paths import Source
+from vpfx.errors import FeatureFormatError, InputError, VpfxWarning
+from vpfx.features.layers import FORMATS, Layer, plain_file, read_layer, readable, source_of_layer
 from vpfx.model import Extent
 
-__all__ = ["Areas", "Features", "lines_in_posts", "read_area", "read_areas", "read_features"]
+__all__ = ["FORMATS", "Areas", "Features", "lines_in_posts", "read_area", "read_areas", "read_features"]
 
 Floats = NDArray[np.float64]
 Paths = str | os.PathLike[str] | Sequence[str | os.PathLike[str]]
 
-FORMATS = {"GPKG": b"SQLite format 3\0", "ESRI Shapefile": b"\0\0\x27\x0a", "FlatGeobuf": b"fgb", "GeoJSON": b"{"}
-"""GDAL's names of the formats that are read, and how their files begin. They name no other files."""
-
-MARGIN = 0.01
-"""Of the DEM's size: so much beyond it lines are read, so that what is cut off later is cut in the DEM's CRS."""
-
-GEOJSON_HEAD = 1 << 16  # bytes in which a CRS is looked for
-WANTED_CRS = "expected one; write it into the file, or a .prj beside it"
 MOST_VERTICES = 1 << 26
 MOST_HEIGHT = 1e5  # metres
 LINES = [shapely.GeometryType[kind] for kind in ("POINT", "MULTIPOINT", "LINESTRING", "LINEARRING", "MULTILINESTRING")]
@@ -63,13 +49,13 @@ def read_features(paths: Paths, crs: str, extent: Extent, *, layer: str | None =
     Parameters
     ----------
     paths : path or sequence of paths
-        Local files of the formats `FORMATS`.
+        Local files of the formats `FORMATS`, and directories of VPF.
     crs : str
         CRS of the DEM, WKT2.
     extent : Extent
         Of the DEM. Lines may reach a little beyond.
     layer : str, optional
-        The layer to read, of files with several.
+        The layer to read, of files with several; of VPF ``coverage/class``.
     use_z : bool
         Whether vertices keep their own z, metres; else heights are left to the DEM.
 
@@ -100,24 +86,15 @@ def read_features(paths: Paths, crs: str, extent: Extent, *, layer: str | None =
     lines: list[Floats] = []
     sources = []
     for name in names:
-        found, driver = _read_file(name, _plain_file(name), CRS.from_user_input(crs), extent, layer)
+        found, source = _read_file(name, plain_file(name), CRS.from_user_input(crs), extent, layer)
         on_dem = shapely.box(*extent)
         if not any(on_dem.intersects(shapely.linestrings(np.vstack([line, line[-1:]])[:, :2])) for line in found):
             message = f"found no point, line or outline on the DEM, expected some within {tuple(extent)}"
             raise InputError(f"{name}: {message}; leave the file out")
         _check_heights(name, found, use_z)
         lines += found
-        sources.append(source_of(name, driver))
+        sources.append(source)
     return Features(tuple(lines), tuple(sources))
-
-
-def _plain_file(name: str) -> str:
-    """Full name of a local file that is neither packed nor a directory."""
-    with suppress(DemFormatError):
-        full = gdal_name(name)
-        if not full.startswith("/vsi"):
-            return full
-    raise FeatureFormatError(name, "", "found a directory, a device or an archive, expected a file; unpack it first")
 
 
 def _check_heights(name: str, lines: list[Floats], use_z: bool) -> None:
@@ -132,62 +109,21 @@ def _check_heights(name: str, lines: list[Floats], use_z: bool) -> None:
             raise FeatureFormatError(name, f"vertex ({x:.10g}, {y:.10g})", message)
 
 
-class _Layer(NamedTuple):
-    """Geometries of a file near a DEM, in its own CRS."""
-
-    geometries: NDArray[Any]
-    fields: dict[str, tuple[str, NDArray[Any]]]
-    to_dem: Transformer
-    near: tuple[float, float, float, float]
-    unit: float  # of z, metres
-    driver: str
-
-
-def _read_file(name: str, full: str, crs: CRS, extent: Extent, layer: str | None) -> tuple[list[Floats], str]:
-    """Read one file; return its lines, and the format."""
-    with _readable(name, "lines or areas"):
-        found = _read_layer(name, full, crs, extent, layer, [])
+def _read_file(name: str, full: str, crs: CRS, extent: Extent, layer: str | None) -> tuple[list[Floats], Source]:
+    """Read one file; return its lines, and what they come from."""
+    with readable(name, "lines or areas"):
+        found = read_layer(name, full, crs, extent, layer, [])
         lines = _to_lines(name, found.geometries, found.to_dem, found.near)
     for line in lines:
         line[:, 2] *= found.unit
-    return lines, found.driver
+    _tell(found)
+    return lines, source_of_layer(name, full, layer, found.driver)
 
 
-@contextmanager
-def _readable(name: str, what: str) -> Iterator[None]:
-    """Tell errors of GDAL, GEOS and PROJ as errors of the file."""
-    try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # GDAL's, of files that can be read all the same
-            yield
-    except (pyogrio.errors.DataSourceError, pyogrio.errors.DataLayerError, pyogrio.errors.GeometryError,
-            pyogrio.errors.FeatureError, shapely.errors.ShapelyError, ProjError, UnicodeDecodeError) as error:  # fmt: skip
-        reason = " ".join(str(error).split())
-        raise FeatureFormatError(name, "", f"cannot be read as {what}: {reason}") from error
-
-
-def _read_layer(name: str, full: str, crs: CRS, extent: Extent, layer: str | None, columns: list[str] | None) -> _Layer:
-    """Read what is near a DEM of one layer of a file, with some fields, or all."""
-    driver = _format_of(name, full)
-    if driver == "GeoJSON":
-        _check_member(name, full)
-    layers = pyogrio.list_layers(full)[:, 0].tolist()
-    _check_layer(name, layers, layer)
-    information = pyogrio.read_info(full, layer=layer)
-    if information["geometry_type"] is None:
-        raise FeatureFormatError(name, "", "found a table without geometry, expected points, lines or areas")
-    if not information["crs"]:
-        raise FeatureFormatError(name, "", f"found no CRS that is known, {WANTED_CRS}")
-    horizontal, unit = _split(name, information["crs"])
-    kinds = dict(zip(information["fields"].tolist(), map(str, information["dtypes"]), strict=True))
-    for column in columns or ():
-        if column not in kinds:
-            raise InputError(f"{name}: found no field {column!r}, expected some of: {', '.join(kinds)}")
-    to_dem = Transformer.from_crs(horizontal, crs, always_xy=True)
-    near = _bounds_near(name, to_dem, extent)
-    meta, _, geometries, values = pyogrio.raw.read(full, layer=layer, columns=columns, bbox=near)
-    fields = {field: (kinds[field], value) for field, value in zip(meta["fields"].tolist(), values, strict=True)}
-    return _Layer(shapely.from_wkb(geometries), fields, to_dem, near, unit, driver)
+def _tell(found: Layer) -> None:
+    """Warn of what could not be read."""
+    for problem in found.problems:
+        warn(problem, VpfxWarning, stacklevel=3)
 
 
 class Areas(NamedTuple):
@@ -235,8 +171,8 @@ def read_areas(
     name = os.fspath(path)
     if not crs:
         raise InputError(f"{name}: found a store without CRS, expected one: areas cannot be brought into it")
-    with _readable(name, "areas"):
-        found = _read_layer(name, _plain_file(name), CRS.from_user_input(crs), extent, layer, columns)
+    with readable(name, "areas"):
+        found = read_layer(name, plain_file(name), CRS.from_user_input(crs), extent, layer, columns)
         is_there = ~shapely.is_missing(found.geometries)
         if not np.isin(shapely.get_type_id(found.geometries[is_there]), AREAS).all():
             raise FeatureFormatError(name, "geometry", "found points or lines, expected areas")
@@ -244,6 +180,7 @@ def read_areas(
         polygons = shapely.transform(cut, found.to_dem.transform, interleaved=False)
         polygons = shapely.make_valid(polygons)
         is_there = is_there & shapely.intersects(polygons, shapely.box(*extent))
+    _tell(found)
     if not is_there.any():
         raise InputError(f"{name}: found no area on the store, expected some within {tuple(extent)}")
     return Areas(polygons[is_there], {field: (kind, v[is_there]) for field, (kind, v) in found.fields.items()})
@@ -268,63 +205,6 @@ def read_area(path: str | os.PathLike[str], crs: str, extent: Extent, *, layer: 
     """
     parts = shapely.get_parts(read_areas(path, crs, extent, layer=layer, columns=[]).polygons)
     return shapely.union_all(parts[np.isin(shapely.get_type_id(parts), AREAS)])
-
-
-def _split(name: str, crs: str) -> tuple[CRS, float]:
-    """Horizontal CRS of a file, and its unit of z in metres; metres if it states none."""
-    horizontal, vertical = split_crs(CRS.from_user_input(crs).to_wkt())
-    if horizontal is None or (vertical is not None and vertical.is_depth):
-        raise FeatureFormatError(
-            name, "CRS", "found depths, or no horizontal part, expected places with or without heights"
-        )
-    return horizontal, vertical.unit.metres if vertical is not None else 1.0
-
-
-def _format_of(name: str, full: str) -> str:
-    """Tell the format of a file by how it begins."""
-    try:
-        with open(full, "rb") as file:
-            head = file.read(64).removeprefix(b"\xef\xbb\xbf").lstrip(b" \t\r\n")
-    except OSError as error:
-        raise FeatureFormatError(name, "", f"cannot be read: {error.strerror}") from error
-    for driver, start in FORMATS.items():
-        if head.startswith(start.lstrip(b" \t\r\n")):
-            return driver
-    raise FeatureFormatError(name, "", f"found another format, or a broken file; expected {', '.join(FORMATS)}")
-
-
-def _check_member(name: str, full: str) -> None:
-    """Refuse a GeoJSON file that names a CRS nobody knows: GDAL takes it for WGS 84."""
-    with open(full, "rb") as file:
-        head = file.read(GEOJSON_HEAD).decode("utf-8", "replace")
-    named = re.search(r'"crs"\s*:\s*\{[^}]*"name"\s*:\s*"([^"]+)"', head)
-    try:
-        CRS.from_user_input(named[1] if named else "EPSG:4326")
-    except CRSError as error:
-        raise FeatureFormatError(name, "crs", f"found no CRS that is known, {WANTED_CRS}") from error
-
-
-def _check_layer(name: str, layers: list[str], layer: str | None) -> None:
-    """Refuse a layer that is not there, and a choice that is not made."""
-    if layer is None and len(layers) != 1:
-        raise InputError(f"{name}: found {len(layers)} layers, expected one; choose of: {', '.join(layers)}")
-    if layer is not None and layer not in layers:
-        raise InputError(f"{name}: found no layer {layer!r}, expected one of: {', '.join(layers)}")
-
-
-def _bounds_near(name: str, to_dem: Transformer, extent: Extent) -> tuple[float, float, float, float]:
-    """Bounds of the DEM, and a little more, in the CRS of a file."""
-    wide, high = MARGIN * (extent.max_x - extent.min_x), MARGIN * (extent.max_y - extent.min_y)
-    bounds = extent.min_x - wide, extent.min_y - high, extent.max_x + wide, extent.max_y + high
-    near = to_dem.transform_bounds(*bounds, densify_pts=21, direction="INVERSE")
-    if np.isfinite(near).all() and near[0] > near[2]:
-        message = "found one in which the DEM crosses the antimeridian; bring the file into the CRS of the DEM first"
-        raise FeatureFormatError(name, "CRS", message)
-    if not np.isfinite(near).all():
-        raise FeatureFormatError(
-            name, "CRS", "found one that does not reach the DEM, expected another; reproject the file"
-        )
-    return near
 
 
 def _to_lines(name: str, geometries: NDArray[Any], to_dem: Transformer, near: tuple[float, ...]) -> list[Floats]:

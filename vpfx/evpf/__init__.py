@@ -1,0 +1,1 @@
+"""Hierarchical TINs as directories of VPF, and back (specs/evpf.md)."""

@@ -1,0 +1,183 @@
+"""Feature classes of a store as tables of VPF: their features, and what their values mean (specs/evpf.md E-310, E-430)."""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vpfx.errors import InputError
+from vpfx.evpf.folder import Folder
+from vpfx.evpf.names import COLUMN_NAMES, OWN_CLASSES, cut_names
+from vpfx.evpf.texts import to_vpf
+from vpfx.store import classes as stored
+from vpfx.store.reader import StoreReader
+from vpfx.vpf import layouts
+from vpfx.vpf.table import Column, Layout
+from vpfx.vpf.values import NULL_INT
+
+__all__ = ["ClassTable", "described", "read_class_tables", "text_column", "write_class", "write_values"]
+
+Ints = NDArray[np.int64]
+
+MOST_INT = 2**31 - 3
+"""Greatest magnitude of an integer that no reader takes for null."""
+
+MOST_DESCRIPTION = 80
+SPECIAL = str.maketrans(dict.fromkeys(';:,=\\"#', " "))
+
+
+class ClassTable(NamedTuple):
+    """A feature class of a store, ready to be written.
+
+    Attributes
+    ----------
+    stored : FeatureClass
+        As in the store.
+    name : str
+        As a feature class of VPF.
+    feature_ids : int64 (n_feature,)
+        Ids in the store, ascending; row i of `<class>.aft` is feature i - 1.
+    layout : Layout
+        Of `<class>.aft`.
+    columns : dict
+        Of `<class>.aft`.
+    values : list of (str, str, str)
+        Rows of `value_description`: column of the store, value, description.
+    """
+
+    stored: stored.FeatureClass
+    name: str
+    feature_ids: Ints
+    layout: Layout
+    columns: dict[str, Any]
+    values: list[tuple[Any, ...]]
+
+    @property
+    def column_names(self) -> dict[str, str]:
+        """Names as written, by those of the store."""
+        return dict(zip(self.stored.columns, (column.name for column in self.layout.columns[1:-1]), strict=True))
+
+
+def text_column(name: str, texts: list[str | None], description: str = "") -> tuple[Column, list[str | None]]:
+    """Return a column of texts of any length (E-101), and what is written in it."""
+    kind, written = to_vpf(texts)
+    return Column(name, kind, -1, "N", description), written
+
+
+def described(text: str) -> str:
+    """Return a text for people as it may stand in a header.
+
+    Examples
+    --------
+    >>> described("Depth; of water, m")
+    'Depth of water m'
+    """
+    plain = text.encode("ascii", "ignore").decode().translate(SPECIAL)
+    return " ".join("".join(c if c.isprintable() else " " for c in plain).split())[:MOST_DESCRIPTION].strip()
+
+
+def read_class_tables(store: StoreReader) -> list[ClassTable]:
+    """Read the feature classes of a store, in the order of their ids.
+
+    Raises
+    ------
+    InputError
+        A feature has an id that `store_id` cannot hold, or more than 99 names begin alike.
+    """
+    classes = list(store.classes.values())
+    names = cut_names((found.name for found in classes), 8, OWN_CLASSES)
+    return [_read_class(store, found, name) for found, name in zip(classes, names, strict=True)]
+
+
+def _read_class(store: StoreReader, found: stored.FeatureClass, name: str) -> ClassTable:
+    rows = store.raw("SELECT feature_id FROM feature WHERE class_id = ? ORDER BY feature_id", (found.class_id,))
+    feature_ids = np.array(rows, np.int64).ravel()
+    if feature_ids.max(initial=0) > MOST_INT:
+        raise InputError(f"{store.path}: found feature {feature_ids.max()}, expected ids up to {MOST_INT} (E-430)")
+    known = store.feature_values(found, 0, MOST_INT)
+    empty = (None,) * len(found.columns)
+    given = [known.get(feature, empty) for feature in feature_ids.tolist()]
+    query = (
+        "SELECT column_name, value, description FROM value_description WHERE class_id = ? ORDER BY column_name, value"
+    )
+    values = store.raw(query, (found.class_id,))
+    coded = {column for column, _, _ in values}
+    columns, written = [Column("id", "I", 1, "P", "Row id")], {"id": np.arange(1, len(feature_ids) + 1)}
+    for i, column_name in enumerate(cut_names(found.columns, 16, COLUMN_NAMES)):
+        of_store, kind = list(found.columns.items())[i]
+        column, data = _column(column_name, kind, [row[i] for row in given])
+        if of_store in coded and column.kind in "ITL":
+            column = column._replace(value_table="int.vdt" if column.kind == "I" else "char.vdt")
+        columns.append(column)
+        written[column_name] = data
+    columns.append(Column("store_id", "I", 1, "U", "Feature in the store"))
+    written["store_id"] = feature_ids
+    layout = Layout(described(found.description) or f"Feature class {found.name}", tuple(columns))
+    return ClassTable(found, name, feature_ids, layout, written, values)
+
+
+def _column(name: str, column: stored.Column, values: list[Any]) -> tuple[Column, Any]:
+    """A column of a class, and its values as they are written."""
+    unit = described(column.unit)
+    text = f"{described(column.description) or name.replace('_', ' ')}{f' ({unit})' if unit else ''}"[:MOST_DESCRIPTION]
+    if column.kind == "real":
+        return Column(name, "R", 1, "N", text), np.array(values, np.float64)
+    if column.kind == "date":
+        days = [None if day is None else f"{day[:4]}{day[5:7]}{day[8:]}000000.00000" for day in values]
+        return Column(name, "D", 1, "N", text), days
+    if column.kind == "integer" and all(value is None or abs(value) <= MOST_INT for value in values):
+        return Column(name, "I", 1, "N", text), np.array([NULL_INT if v is None else v for v in values], np.int64)
+    return text_column(name, [None if value is None else str(value) for value in values], text)
+
+
+def write_class(coverage: Folder, table: ClassTable) -> None:
+    """Write `<class>.aft`."""
+    coverage.write(f"{table.name}.aft", table.layout, table.columns)
+
+
+def value_rows(coverage: Folder, tables: list[ClassTable], value_table: str) -> list[tuple[str, str, str, str]]:
+    """Rows of `int.vdt` or `char.vdt`: table, attribute, value, description; integers that are none are left out."""
+    found = []
+    for table in tables:
+        kinds = {column.name: column.value_table for column in table.layout.columns}
+        names = table.column_names
+        for column, value, description in table.values:
+            if kinds[names[column]] == value_table:
+                found.append((coverage.named(f"{table.name}.aft"), names[column], value, description))
+    return found
+
+
+def write_values(coverage: Folder, tables: list[ClassTable]) -> None:
+    """Write `int.vdt`, and `char.vdt` where a column has it; descriptions are for people, and cut (value.rat has all)."""
+    filled = coverage.named("tinface.aft")
+    rows = [(filled, "filled", 0, "Ground with data"), (filled, "filled", 1, "Heights interpolated")]
+    rows += [
+        (*row[:2], int(row[2]), _short(row[3])) for row in value_rows(coverage, tables, "int.vdt") if _is_int(row[2])
+    ]
+    coverage.write("int.vdt", layouts.INT_VDT, _numbered(layouts.INT_VDT, rows))
+    texts = value_rows(coverage, tables, "char.vdt")
+    if texts:
+        kind, values = to_vpf([row[2] for row in texts])
+        layout = layouts.char_vdt(max(len(value or "") for value in values), kind)
+        shown = [(*row[:2], value, _short(row[3])) for row, value in zip(texts, values, strict=True)]
+        coverage.write("char.vdt", layout, _numbered(layout, shown))
+
+
+def _short(text: str) -> str:
+    return text.encode("ascii", "replace").decode()[:50]
+
+
+def _is_int(text: str) -> bool:
+    try:
+        return abs(int(text)) <= MOST_INT and str(int(text)) == text
+    except ValueError:
+        return False
+
+
+def _numbered(layout: Layout, rows: list[Any]) -> dict[str, Any]:
+    """Columns of rows without their ids."""
+    columns = zip(*rows, strict=True) if rows else ([] for _ in layout.columns[1:])
+    values = [list(range(1, len(rows) + 1)), *map(list, columns)]
+    return dict(zip((column.name for column in layout.columns), values, strict=True))

@@ -1,0 +1,289 @@
+"""Numbers of primitives: which nodes, edges and faces a tile of a level has, in which rows (specs/evpf.md E-200 to E-222)."""
+
+from __future__ import annotations
+
+from collections import OrderedDict
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vpfx.errors import StoreFormatError
+from vpfx.evpf.planar import Sides
+from vpfx.store.arrays import look_up
+from vpfx.store.reader import StoreReader
+from vpfx.store.tiles import Tiling
+
+__all__ = ["FIRST_FACE", "LevelTiles", "Summary", "TileNumbers", "tiling_of"]
+
+Ints = NDArray[np.int64]
+Floats = NDArray[np.float64]
+
+FIRST_FACE = 2
+"""Row in `fac` of the first face of a tile: the universe has row 1."""
+
+
+class TileNumbers(NamedTuple):
+    """What a tile of a level has; rows count from 1, indices from 0.
+
+    Attributes
+    ----------
+    node_ids : int64 (n_node,)
+        Ids in the store, in the order of rows.
+    edge_ids : int64 (n_edge,)
+        The same of edges: those of the tile alone, then those whose ids are set aside for borders.
+    n_own_edge : int
+        Edges of the tile alone.
+    faces : dict of str to array (n_face,)
+        Rows of `face` in the store; index i is row i + 2 of `fac`.
+    sides : Sides
+        Of the faces, in indices of nodes and edges; a side with nodes inside is in pieces.
+    junctions : tuple of int64, int64, float64 (n_junction,)
+        Indices of faces and of nodes inside their sides, and gaps in metres, in the order of `tjunct.rat`.
+    """
+
+    node_ids: Ints
+    edge_ids: Ints
+    n_own_edge: int
+    faces: dict[str, NDArray[Any]]
+    sides: Sides
+    junctions: tuple[Ints, Ints, Floats]
+
+    @property
+    def side_end(self) -> Ints:
+        """Node at which each side ends, (n_side,)."""
+        after = np.arange(1, len(self.sides.start) + 1)
+        after[self.sides.first[1:] - 1] = self.sides.first[:-1]
+        return self.sides.start[after]
+
+    def first_edge(self) -> Ints:
+        """Lowest edge at each node, (n_node,)."""
+        lowest = np.full(len(self.node_ids), len(self.edge_ids), np.int64)
+        np.minimum.at(lowest, self.sides.start, self.sides.edge)
+        np.minimum.at(lowest, self.side_end, self.sides.edge)
+        return lowest
+
+
+class Summary(NamedTuple):
+    """What other tiles have to know of a tile of a level.
+
+    Attributes
+    ----------
+    node_ids, lowest_edge : int64 (n,)
+        Its nodes on borders, ascending, and the row of the lowest edge at each.
+    edge_ids : int64 (n,)
+        Its edges whose ids are set aside, ascending.
+    n_own_edge : int
+        Edges of the tile alone; those set aside follow.
+    first_own_edge : int
+        Least id of these.
+    left_out : int64 (n,)
+        Edges of the store that the tile has in pieces.
+    """
+
+    node_ids: Ints
+    lowest_edge: Ints
+    edge_ids: Ints
+    n_own_edge: int
+    first_own_edge: int
+    left_out: Ints
+
+    def edge_rows(self, edge_ids: Ints, most_set_aside: int) -> Ints:
+        """Rows of edges that the tile has."""
+        own = edge_ids - self.first_own_edge - np.searchsorted(self.left_out, edge_ids)
+        return np.where(
+            edge_ids > most_set_aside, own, self.n_own_edge + np.searchsorted(self.edge_ids, edge_ids)
+        ) + np.int64(1)
+
+
+class _Junctions(NamedTuple):
+    """Rows of `t_junction`, by edge."""
+
+    edge_id: Ints
+    node_id: Ints
+    gap: Floats
+
+
+def tiling_of(store: StoreReader) -> Tiling:
+    """Return how the extent of a store is cut.
+
+    Raises
+    ------
+    StoreFormatError
+        Lattice, tile size and tiles do not fit.
+    """
+    lattice, options = store.metadata["lattice"], store.metadata["options"]
+    (n_tile,) = store.select("SELECT count(*) AS n FROM tile")["n"].tolist()
+    tiling = Tiling(lattice["n_row"], lattice["n_col"], options["tile_size"], len(store.levels))
+    if tiling.n_tile != n_tile:
+        raise StoreFormatError(str(store.path), "table tile", f"found {n_tile} rows, expected {tiling.n_tile}", "R-130")
+    return tiling
+
+
+class LevelTiles:
+    """The tiles of one level of a store, read one by one.
+
+    Parameters
+    ----------
+    store : StoreReader
+    tiling : Tiling
+    level : int
+
+    Attributes
+    ----------
+    n_face, face_offset : int64 (n_tile,)
+        Faces of each tile, and of all tiles before it.
+    most_set_aside : int
+        Greatest edge id set aside for borders.
+    """
+
+    def __init__(self, store: StoreReader, tiling: Tiling, level: int) -> None:
+        self.store, self.tiling, self.level = store, tiling, level
+        query = "SELECT first_edge, last_edge, first_face, last_face FROM tile_level WHERE level = ? ORDER BY tile_id"
+        limits = store.select(query, (level,))
+        if len(limits["first_face"]) != tiling.n_tile:
+            message = f"found {len(limits['first_face'])} tiles of level {level}, expected {tiling.n_tile}"
+            raise StoreFormatError(str(store.path), "table tile_level", message, "R-132")
+        self.n_face = np.where(limits["first_face"] < 0, 0, limits["last_face"] - limits["first_face"] + 1)
+        self.face_offset = np.cumsum(self.n_face) - self.n_face
+        self._first_face = limits["first_face"]
+        self._n_edge = np.where(limits["first_edge"] < 0, 0, limits["last_edge"] - limits["first_edge"] + 1)
+        self._first_edge = limits["first_edge"]
+        self.most_set_aside = tiling.n_border_edge_id
+        self._summaries: OrderedDict[int, Summary] = OrderedDict()
+
+    def broken(self, tile: int, message: str, requirement: str) -> StoreFormatError:
+        """Return an error that names a tile of this level."""
+        where = f"level {self.level}, tile {tile + 1}"
+        return StoreFormatError(str(self.store.path), where, message, requirement)
+
+    def _tile_of(self, ids: Ints, first: Ints, count: Ints, what: str) -> Ints:
+        filled = np.flatnonzero(count)
+        at = np.searchsorted(first[filled], ids, side="right") - 1
+        tile = filled[np.maximum(at, 0)] if len(filled) else np.zeros(len(ids), np.int64)
+        is_there = (at >= 0) & (ids < first[tile] + count[tile])
+        if not is_there.all():
+            message = f"found {what} {ids[~is_there][0]} named, expected one of level {self.level}"
+            raise StoreFormatError(str(self.store.path), f"level {self.level}", message, "R-132")
+        return tile
+
+    def tile_of_faces(self, face_ids: Ints) -> Ints:
+        """Index of the tile of each face."""
+        return self._tile_of(face_ids, self._first_face, self.n_face, "face")
+
+    def fac_ids(self, face_ids: Ints) -> Ints:
+        """Row in `fac` of each face."""
+        return face_ids - self._first_face[self.tile_of_faces(face_ids)] + FIRST_FACE
+
+    def tinface_ids(self, face_ids: Ints) -> Ints:
+        """Row in `tinface.aft` of each face."""
+        tile = self.tile_of_faces(face_ids)
+        return face_ids - self._first_face[tile] + self.face_offset[tile] + 1
+
+    def tile_of_own_edges(self, edge_ids: Ints) -> Ints:
+        """Index of the tile of each edge that is of one tile alone."""
+        return self._tile_of(edge_ids, self._first_edge, self._n_edge, "edge")
+
+    def numbers(self, tile: int) -> TileNumbers:
+        """Number the primitives of a tile.
+
+        Raises
+        ------
+        StoreFormatError
+            Faces, edges and T-junctions do not fit.
+        """
+        faces = self.store.tile_faces(self.level, tile + 1)
+        node_ids, face_nodes = np.unique(np.stack([faces[f"node_{i}"] for i in (1, 2, 3)], axis=1), return_inverse=True)
+        of_sides = np.stack([faces[f"edge_{i}"] for i in (1, 2, 3)], axis=1).ravel()
+        junctions = self._junctions(tile)
+        left_out = np.unique(junctions.edge_id)
+        own, shared = self._edge_ids(tile, of_sides, left_out)
+        numbers = TileNumbers(
+            node_ids, np.concatenate([own, shared]), len(own), faces,
+            Sides(face_nodes.ravel(), np.zeros(0, np.int64), np.arange(0, len(of_sides) + 1, 3)),
+            (np.zeros(0, np.int64), np.zeros(0, np.int64), np.zeros(0)),
+        )  # fmt: skip
+        place = Summary(*(np.zeros(0, np.int64),) * 2, shared, len(own), int(self._first_edge[tile]), left_out)
+        edge = place.edge_rows(of_sides, self.most_set_aside) - 1
+        numbers = numbers._replace(sides=numbers.sides._replace(edge=edge))
+        return self._with_pieces(tile, numbers, of_sides, junctions) if len(left_out) else numbers
+
+    def _junctions(self, tile: int) -> _Junctions:
+        """T-junctions of a tile: all lie on its own edges or on those set aside for it."""
+        query = (
+            "SELECT edge_id, node_id, gap FROM t_junction WHERE edge_id BETWEEN ? AND ? AND level = ? AND tile_id = ?"
+        )
+        first = self._first_edge[tile]
+        runs = [(first, first + self._n_edge[tile] - 1), self.tiling.border_edge_ids(self.level) or (1, 0)]
+        parts = [self.store.select(query, (int(low), int(high), self.level, tile + 1)) for low, high in runs]
+        columns = (np.concatenate([part[name] for part in parts]) for name in _Junctions._fields)
+        edge_id, node_id, gap = columns
+        return _Junctions(edge_id.astype(np.int64), node_id.astype(np.int64), gap.astype(np.float64))
+
+    def _edge_ids(self, tile: int, of_sides: Ints, left_out: Ints) -> tuple[Ints, Ints]:
+        """Ids of the edges of a tile alone, and of those set aside, both ascending, without those in pieces."""
+        first, count = int(self._first_edge[tile]), int(self._n_edge[tile])
+        is_own = of_sides > self.most_set_aside
+        at = of_sides[is_own] - first
+        is_named = np.zeros(count, bool)
+        if at.min(initial=0) >= 0 and at.max(initial=-1) < count:
+            is_named[at] = True
+        if not is_named.all() or (count == 0 and len(at)):
+            raise self.broken(tile, "found faces that do not name each edge of the tile", "R-132")
+        own = first + np.arange(count)
+        shared = np.unique(of_sides[~is_own])
+        return own[~np.isin(own, left_out)], shared[~np.isin(shared, left_out)]
+
+    def _with_pieces(self, tile: int, numbers: TileNumbers, of_sides: Ints, junctions: _Junctions) -> TileNumbers:
+        """Put the shorter edges in the place of those that have nodes inside."""
+        node, is_known = look_up(numbers.node_ids, junctions.node_id)
+        order = np.argsort(of_sides, kind="stable")
+        at, has_side = look_up(of_sides[order], junctions.edge_id)
+        if not (is_known.all() and has_side.all()):
+            raise self.broken(tile, "found a T-junction without its face or node", "R-190")
+        side = order[at]
+        start, end = numbers.sides.start, numbers.side_end
+        xy = self.places(numbers.node_ids)[:, :2]
+        way, to_node = xy[end[side]] - xy[start[side]], xy[node] - xy[start[side]]
+        along = np.lexsort(((way * to_node).sum(axis=1), side))
+        side, node, gap = side[along], node[along], junctions.gap[along]
+        is_cut = np.zeros(len(start), bool)
+        is_cut[side] = True
+        in_order = np.argsort(np.concatenate([np.arange(len(start)), side]), kind="stable")
+        starts = np.concatenate([start, node])[in_order]
+        whole = np.concatenate([~is_cut, np.zeros(len(side), bool)])[in_order]
+        edges = np.concatenate([numbers.sides.edge, np.full(len(side), -1)])[in_order]
+        of_face = np.concatenate([np.arange(len(start)), side])[in_order] // 3
+        sides = Sides(starts, edges, np.searchsorted(of_face, np.arange(len(start) // 3 + 1)))
+        pieces = numbers._replace(sides=sides)
+        low, high = np.minimum(starts, pieces.side_end), np.maximum(starts, pieces.side_end)
+        key = low * len(numbers.node_ids) + high
+        known, first = np.unique(key[whole], return_index=True)
+        found, is_edge = look_up(known, key[~whole])
+        if not is_edge.all():
+            raise self.broken(tile, "found an edge with a node inside without the shorter edges along it", "R-190")
+        edges[~whole] = edges[whole][first[found]]
+        by_face = np.lexsort((node, side // 3))
+        return pieces._replace(junctions=(side[by_face] // 3, node[by_face], gap[by_face]))
+
+    def places(self, node_ids: Ints) -> Floats:
+        """Places of nodes, (n, 3): CRS units and metres."""
+        nodes = self.store.fetch("node", node_ids)
+        return np.stack([nodes[axis] for axis in "xyz"], axis=1)
+
+    def summary(self, tile: int) -> Summary:
+        """Say what other tiles have to know of a tile; of the last three rows of tiles it is kept."""
+        if tile in self._summaries:
+            self._summaries.move_to_end(tile)
+            return self._summaries[tile]
+        numbers = self.numbers(tile)
+        at = slice(0, np.searchsorted(numbers.node_ids, self.tiling.n_border_node_id, side="right"))
+        left_out = np.unique(self._junctions(tile).edge_id)
+        found = Summary(
+            numbers.node_ids[at].copy(), numbers.first_edge()[at] + 1, numbers.edge_ids[numbers.n_own_edge :].copy(),
+            numbers.n_own_edge, int(self._first_edge[tile]), left_out,
+        )  # fmt: skip
+        self._summaries[tile] = found
+        while len(self._summaries) > 3 * self.tiling.n_tile_col + 3:
+            self._summaries.popitem(last=False)
+        return found

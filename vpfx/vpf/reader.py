@@ -1,0 +1,286 @@
+"""Features of a class: the rows of its table with their geometry, read tile by tile and put together.
+
+::
+
+    feature table ─ or its join table ─► (feature, tile, primitive) ─ one tile at a time ─► parts ─ merge ─► features
+
+Memory is that of one class and of the primitives of one tile. Source: specs/vpf.md, V-400 to V-424.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from contextlib import suppress
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vpfx.errors import NotFoundError, VpfFormatError
+from vpfx.vpf.catalog import Coverage, FeatureClass
+from vpfx.vpf.decode import Field, decode_fields, text_field
+from vpfx.vpf.geometry import edge_lines, face_polygons, find_rows, ids_of, node_points, text_places
+from vpfx.vpf.merge import merge_parts
+from vpfx.vpf.paths import find
+from vpfx.vpf.table import Table, read_table
+
+__all__ = ["FeatureRows", "class_tables", "read_class", "read_primitives", "tiles_of"]
+
+Geometries = NDArray[np.object_]
+Ids = NDArray[np.int64]
+
+MOST_SHOWN = 5  # numbers in one message
+
+
+class FeatureRows(NamedTuple):
+    """Features of a class, or primitives of a coverage, in the order of their tables.
+
+    Attributes
+    ----------
+    fields : dict of str to Field
+        By names in lower case.
+    geometry : object (n,)
+        Of shapely; None where there is none.
+    problems : tuple of str
+        What could not be read, or not as it stands there; lines as of errors.
+    """
+
+    fields: dict[str, Field]
+    geometry: Geometries
+    problems: tuple[str, ...]
+
+
+class _References(NamedTuple):
+    """Which primitives features have: rows of the feature table from 0, ids of tiles (0: none) and of primitives."""
+
+    row: Ids
+    tile: Ids
+    primitive: Ids
+
+
+class _Parts(NamedTuple):
+    """Geometries of the primitives asked for, their texts if they have some, and what was wrong."""
+
+    geometry: Geometries
+    texts: NDArray[np.object_]
+    problems: tuple[str, ...]
+
+
+def read_class(coverage: Coverage, found: FeatureClass) -> FeatureRows:
+    """Read the features of a class.
+
+    Parameters
+    ----------
+    coverage : Coverage
+    found : FeatureClass
+        One of `vpfx.vpf.opening.feature_classes`.
+
+    Returns
+    -------
+    FeatureRows
+        Fields are those of the feature table; of texts also ``string``, the text itself. A feature whose tile or primitive
+        is not there, or broken, has no geometry, and a problem says so.
+
+    Raises
+    ------
+    NotFoundError
+        The feature table or the join table is not there.
+    VpfFormatError
+        One of them is broken.
+
+    Notes
+    -----
+    Cost: O(rows) and O(n log n) in the primitives of each tile that the class has primitives in.
+    """
+    where = f"{coverage.path}: {found.name}"
+    table = read_table(coverage.table(found.table))
+    fields = decode_fields(table, coverage.value_descriptions(), found.table)
+    if not found.primitive:
+        return FeatureRows(fields, np.full(table.n_row, None, object), ())
+    references, problems = _references(coverage, found, table, where)
+    parts = _read_parts(coverage, found.primitive, references, where)
+    geometry = merge_parts(found.kind, references.row, references.tile, parts.geometry, table.n_row)
+    if found.primitive == "txt":
+        strings: list[str | None] = [None] * table.n_row
+        for row, text in zip(references.row[::-1].tolist(), parts.texts[::-1].tolist(), strict=True):
+            strings[row] = text
+        name = "string" if "string" not in fields else "txt_string"
+        fields[name] = text_field(strings)
+    return FeatureRows(fields, geometry, (*problems, *parts.problems))
+
+
+def _references(
+    coverage: Coverage, found: FeatureClass, table: Table, where: str
+) -> tuple[_References, tuple[str, ...]]:
+    """Primitives of each feature, each once."""
+    source, key, rows = table, found.prim_key, np.arange(table.n_row, dtype=np.int64)
+    problems: tuple[str, ...] = ()
+    if found.join is not None:
+        source, key = read_table(coverage.table(found.join.table)), found.join.primitive_key
+        own = ids_of(table, "id") if "id" in table else rows + 1
+        features = ids_of(source, found.join.feature_key)
+        rows = find_rows(own, features)
+        problems = _told(where, f"rows of {found.join.table} name features that are not there", features[rows < 0])
+    elif key.lower() == "id" and f"{found.primitive}_id" in table:
+        key = f"{found.primitive}_id"
+    primitive = ids_of(source, key)
+    tile = ids_of(source, "tile_id") if "tile_id" in source else np.zeros(source.n_row, np.int64)
+    triples = np.stack([rows, tile, primitive], axis=1)[(rows >= 0) & (primitive > 0)]
+    _, first = np.unique(triples, axis=0, return_index=True)
+    return _References(*triples[np.sort(first)].T), problems
+
+
+def _told(where: str, what: str, numbers: Ids, of: str = "") -> tuple[str, ...]:
+    """One line on some numbers; none if there are none."""
+    if len(numbers) == 0:
+        return ()
+    shown = ", ".join(map(str, np.unique(numbers)[:MOST_SHOWN].tolist()))
+    more = ", …" if len(np.unique(numbers)) > MOST_SHOWN else ""
+    return (f"{where}: {len(numbers):,} {what}: {of}{shown}{more}",)
+
+
+def _read_parts(coverage: Coverage, primitive: str, references: _References, where: str) -> _Parts:
+    """Geometries of primitives, one tile after the other."""
+    n = len(references.row)
+    geometry: Geometries = np.full(n, None, object)
+    texts: NDArray[np.object_] = np.full(n, None, object)
+    problems: list[str] = []
+    absent: list[int] = []
+    for tile in np.unique(references.tile).tolist():
+        asked = np.flatnonzero(references.tile == tile)
+        try:
+            part = _read_tile(coverage, primitive, tile, references.primitive[asked], where)
+        except NotFoundError:
+            absent.append(tile)
+            continue
+        except VpfFormatError as error:
+            problems.append(str(error))
+            continue
+        geometry[asked], texts[asked] = part.geometry, part.texts
+        problems += part.problems
+    is_absent = np.isin(references.tile, absent)
+    what = f"primitives of {primitive} lie in tiles that are not there"
+    problems += _told(where, what, references.tile[is_absent], "tiles ")
+    return _Parts(geometry, texts, tuple(problems))
+
+
+def _path_of(coverage: Coverage, primitive: str, tile: int) -> Path:
+    """Table of primitives of a tile; of the coverage itself for tile 0, and where the library has no tiles."""
+    name = "edg" if primitive == "fac" else primitive
+    if tile not in coverage.library.tiles and coverage.find(name) is not None:
+        tile = 0
+    return coverage.table(name, tile)
+
+
+def _read_tile(coverage: Coverage, primitive: str, tile: int, ids: Ids, where: str) -> _Parts:
+    """Geometries of some primitives of a tile."""
+    table = read_table(_path_of(coverage, primitive, tile))
+    place = f"{where}: tile {tile}" if tile else where
+    texts: NDArray[np.object_] = np.full(len(ids), None, object)
+    problems: tuple[str, ...] = ()
+    if primitive == "fac":
+        faces = face_polygons(table, np.unique(ids))
+        known, shapes = faces.ids, faces.polygons
+        problems += _told(place, "faces were joined without the links of edges, which are wrong",
+                          np.intersect1d(faces.mended, ids))  # fmt: skip
+    else:
+        known = ids_of(table, "id") if "id" in table else np.arange(1, table.n_row + 1)
+        if primitive == "txt":
+            strings, shapes = text_places(table)
+        else:
+            shapes = edge_lines(table) if primitive == "edg" else node_points(table)
+    at = find_rows(known, ids)
+    geometry: Geometries = np.full(len(ids), None, object)
+    geometry[at >= 0] = shapes[at[at >= 0]]
+    if primitive == "txt":
+        texts[at >= 0] = np.array([*strings, None], object)[at[at >= 0]]
+    is_lost = np.array([shape is None for shape in geometry], bool)
+    problems += _told(place, f"primitives of {primitive} are not there, or have no shape", ids[is_lost])
+    return _Parts(geometry, texts, problems)
+
+
+def class_tables(coverage: Coverage, found: FeatureClass) -> list[Path]:
+    """Tables that the geometry and the fields of a class are read from, those that are there; index files are none.
+
+    Raises
+    ------
+    NotFoundError, VpfFormatError
+        As `read_class`.
+    """
+    library = coverage.library
+    paths = [find(library.path, name, within=library.root) for name in ("grt", "tileref/tileref.aft")]
+    names = ["fcs", "int.vdt", "char.vdt", found.table, *([found.join.table] if found.join else [])]
+    paths += [coverage.find(name) for name in names]
+    if found.primitive:
+        table = read_table(coverage.table(found.table))
+        references, _ = _references(coverage, found, table, "")
+        for tile in np.unique(references.tile).tolist():
+            with suppress(NotFoundError):
+                paths.append(_path_of(coverage, found.primitive, tile))
+    return [path for path in paths if path is not None]
+
+
+def tiles_of(coverage: Coverage, primitive: str) -> list[int]:
+    """Tiles in which a coverage has a table of primitives, ascending; 0 is the coverage itself."""
+    name = "edg" if primitive == "fac" else primitive
+    return [tile for tile in (0, *sorted(coverage.library.tiles)) if coverage.find(name, tile) is not None]
+
+
+def read_primitives(coverage: Coverage, primitive: str) -> FeatureRows:
+    """Read all primitives of one kind of a coverage.
+
+    Parameters
+    ----------
+    coverage : Coverage
+    primitive : str
+        edg, fac, end, cnd or txt. Faces are made from the edges; ``fac`` and ``rng`` are not needed.
+
+    Returns
+    -------
+    FeatureRows
+        Tile by tile. Fields are those of the table (of faces ``id`` alone) and ``tile_id``, 0 where there are no tiles.
+
+    Raises
+    ------
+    VpfFormatError
+        A table is broken, or edges have no faces.
+    """
+    tables: list[dict[str, Field]] = []
+    shapes: list[Geometries] = []
+    problems: list[str] = []
+    for tile in tiles_of(coverage, primitive):
+        table = read_table(_path_of(coverage, primitive, tile))
+        if primitive == "fac":
+            faces = face_polygons(table)
+            known: dict[str, Field] = {"id": Field(faces.ids, np.zeros(len(faces.ids), bool))}
+            place = f"{coverage.path}: tile {tile}" if tile else str(coverage.path)
+            problems += _told(place, "faces were joined without the links of edges, which are wrong", faces.mended)
+            problems += _told(place, "faces have edges that do not close up", faces.lost)
+            geometry = faces.polygons
+        else:
+            known = decode_fields(table, without=("coordinate", "coordinates", "shape_line"))
+            geometry = {"edg": edge_lines, "txt": lambda table: text_places(table)[1]}.get(primitive, node_points)(
+                table
+            )
+        tiles = np.full(len(geometry), tile, np.int32)
+        tables.append(known | {"tile_id": Field(tiles, np.zeros(len(tiles), bool))})
+        shapes.append(geometry)
+    return FeatureRows(_stacked(tables), np.concatenate([np.empty(0, object), *shapes]), tuple(problems))
+
+
+def _stacked(tables: list[dict[str, Field]]) -> dict[str, Field]:
+    """Fields of all tables one below the other; null where a table lacks one."""
+    names = list(dict.fromkeys(name for table in tables for name in table))
+    return {name: _column(name, tables) for name in names}
+
+
+def _column(name: str, tables: Iterable[dict[str, Field]]) -> Field:
+    parts = []
+    for table in tables:
+        n_row = len(table["tile_id"].values)
+        parts.append(table.get(name, Field(np.zeros(n_row, np.int16), np.ones(n_row, bool))))
+    values = [part.values for part in parts]
+    if any(value.dtype == object for value in values):
+        return text_field([None if value is None else str(value) for part in parts for value in part.to_list()])
+    return Field(np.concatenate(values), np.concatenate([part.is_null for part in parts]))
