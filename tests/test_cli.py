@@ -18,6 +18,7 @@ from typing import NamedTuple
 
 import click
 import pytest
+from small_vpf import make_database
 
 from vpfx import __version__
 from vpfx.cli import app, main
@@ -355,6 +356,7 @@ def test_examples_run(run):
     Path("places.txt").write_text("-107.62 36.37\n")
     ring = [[-108, 36], [-107, 36], [-107, 37], [-108, 36]]
     soil = {"properties": {"kind": "clay", "depth": 1.5}, "geometry": {"type": "Polygon", "coordinates": [ring]}}
+    make_database(Path("vmap"))
     Path("soils.geojson").write_text(json.dumps({"type": "Feature", **soil}))
     for name in sorted(commands(), key=lambda name: name != "build"):
         for example in examples(name):

@@ -10,26 +10,17 @@ import pytest
 from conftest import shared_vpf
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from small_vpf import FORWARD, JOINED, make_database, put, put_cat, put_lat, put_tiles
 
 from vpfx.errors import InputError, NotFoundError, VpfFormatError
 from vpfx.vpf import layouts, schema
 from vpfx.vpf.catalog import FeatureClass, Join, open_database
 from vpfx.vpf.header import Column, Layout, check_layout
 from vpfx.vpf.paths import check_name, find, split
-from vpfx.vpf.table import read_table, write_table
+from vpfx.vpf.table import read_table
 from vpfx.vpf.values import texts
 
 TEXASH = "vm2alv2_texash"
-FORWARD = [
-    ("roadl", "roadl.lft", "edg_id", "edg", "id"),
-    ("roadl", "edg", "id", "roadl.lft", "edg_id"),
-]
-JOINED = [
-    ("lakea", "lakea.aft", "id", "lakea.ajt", "lakea_id"),
-    ("lakea", "lakea.ajt", "lakea_id", "lakea.aft", "id"),
-    ("lakea", "lakea.ajt", "fac_id", "fac", "id"),
-    ("lakea", "fac", "id", "lakea.ajt", "fac_id"),
-]
 
 
 def renamed(layout, names):
@@ -47,45 +38,10 @@ def without(layout, *names):
     return layout._replace(columns=tuple(c for c in layout.columns if c.name not in names))
 
 
-def put(path, layout, rows):
-    """Write a table whose ids count from 1."""
-    path.parent.mkdir(parents=True, exist_ok=True)
-    names = [column.name for column in layout.columns if column.name != "id"]
-    columns = {name: [row[i] for row in rows] for i, name in enumerate(names)}
-    write_table(path, layout, {"id": list(range(1, len(rows) + 1)), **columns})
-
-
-def put_lat(root, names=("north",), layout=layouts.LAT):
-    put(root / "lat", layout, [(name, 7.0, 46.0, 9.0, 48.0) for name in names])
-
-
-def put_cat(library, names=("tileref", "road"), layout=layouts.CAT):
-    put(library / "cat", layout, [(name, "About roads", 3) for name in names])
-
-
-def put_tiles(library, names=(r"07\01", r"07\02"), layout=layouts.TILEREF):
-    folder = library / "tileref"
-    rows = [(name, i + 2)[: len(layout.columns) - 1] for i, name in enumerate(names)]
-    put(folder / "tileref.aft", layout, rows)
-    put(folder / "fcs", layouts.FCS, [("tileref", "tileref.aft", "fac_id", "fac", "id")])
-    put(folder / "fbr", layouts.FBR, [(7 + i, 46 + i, 8 + i, 47 + i) for i in range(len(names) + 1)])
-
-
 @pytest.fixture
 def root(tmp_path):
     """A database of one library with two tiles and two classes."""
-    root = tmp_path / "base"
-    put_lat(root)
-    library = root / "north"
-    put_cat(library)
-    put_tiles(library)
-    put(library / "road" / "fcs", layouts.FCS, [*FORWARD, *JOINED])
-    put(library / "road" / "fca", layouts.fca(), [("roadl", "L", "Roads"), ("lakea", "A", "Lakes")])
-    road = layouts.feature("Roads", [], "edg", is_tiled=True)
-    put(library / "road" / "roadl.lft", road, [(1, 5)])
-    for tile in ("01", "02"):
-        put(library / "road" / "07" / tile / "fac", layouts.FAC, [(1,)])
-    return root
+    return make_database(tmp_path / "base")
 
 
 def test_made_up_database(root):

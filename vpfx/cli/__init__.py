@@ -12,6 +12,7 @@ from vpfx.cli.query_sight import sight, viewshed
 from vpfx.cli.sql import sql
 from vpfx.cli.store import info, plot
 from vpfx.cli.validate import validate
+from vpfx.cli.vpf import dump, ls, vpf
 
 __all__ = [
     "app",
@@ -21,9 +22,11 @@ __all__ = [
     "compare",
     "contours",
     "cut",
+    "dump",
     "export",
     "height_range",
     "info",
+    "ls",
     "main",
     "measure",
     "nearest",
@@ -36,4 +39,5 @@ __all__ = [
     "validate",
     "viewshed",
     "volume",
+    "vpf",
 ]
