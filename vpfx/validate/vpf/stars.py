@@ -1,13 +1,13 @@
 """Edges round nodes, and the walks round faces that follow from them: kernels.
 
-An edge e has two *darts*: 2e leaves its start node, 2e + 1 its end node; d ^ 1 is the other dart of the edge::
+An edge e has two *sides*: 2e leaves its start node, 2e + 1 its end node; d ^ 1 is the other side of the edge::
 
                          left_face(e)
         start node  o--- 2e ---> <--- 2e + 1 ---o  end node
                          right_face(e)
 
-Turning counter-clockwise round a node leads from dart to dart of its *star*. Walking along dart d, one arrives where d ^ 1
-leaves; going on with the next dart counter-clockwise after that one keeps the same face on the right: the walk is one *ring*.
+Turning counter-clockwise round a node leads from side to side of its *star*. Walking along side d, one arrives where d ^ 1
+leaves; going on with the next side counter-clockwise after that one keeps the same face on the right: the walk is one *ring*.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ __all__ = ["find_rings", "find_targets", "label_parts", "sort_stars", "wrong_lin
 
 @njit(nogil=True, cache=True)
 def find_targets(starts, places):
-    """Dart by dart, the first place of its edge that is not where the dart leaves.
+    """For each side, the first place of its edge that is not where the side leaves.
 
     Parameters
     ----------
@@ -57,7 +57,7 @@ def find_targets(starts, places):
 
 @njit(nogil=True, cache=True)
 def _turn(a, b, starts, places, target):
-    """Sign of the way from dart a to dart b of one star, counted from east, counter-clockwise: 1 if b lies behind a."""
+    """Sign of the way from side a to side b of one star, counted from east, counter-clockwise: 1 if b lies behind a."""
     at_a = starts[a // 2] if a % 2 == 0 else starts[a // 2 + 1] - 1
     at_b = starts[b // 2] if b % 2 == 0 else starts[b // 2 + 1] - 1
     ox, oy = places[at_a, 0], places[at_a, 1]
@@ -71,46 +71,46 @@ def _turn(a, b, starts, places, target):
 
 
 @njit(nogil=True, cache=True)
-def _merge_sort(darts, spare, starts, places, target):
-    """Sort the darts of one star counter-clockwise, from east; those of one direction keep their order."""
-    n, width = len(darts), 1
+def _merge_sort(sides, spare, starts, places, target):
+    """Sort the sides of one star counter-clockwise, from east; those of one direction keep their order."""
+    n, width = len(sides), 1
     while width < n:
         for low in range(0, n, 2 * width):
             middle, high = min(low + width, n), min(low + 2 * width, n)
             i, j = low, middle
             for k in range(low, high):
-                if i < middle and (j >= high or _turn(darts[i], darts[j], starts, places, target) >= 0):
-                    spare[k] = darts[i]
+                if i < middle and (j >= high or _turn(sides[i], sides[j], starts, places, target) >= 0):
+                    spare[k] = sides[i]
                     i += 1
                 else:
-                    spare[k] = darts[j]
+                    spare[k] = sides[j]
                     j += 1
-        darts[:] = spare[:n]
+        sides[:] = spare[:n]
         width *= 2
 
 
 @njit(nogil=True, cache=True)
-def sort_stars(dart_node, n_node, starts, places, target):
-    """Sort the darts round every node.
+def sort_stars(side_node, n_node, starts, places, target):
+    """Sort the sides round every node.
 
     Parameters
     ----------
-    dart_node : int64 (n_dart,)
-        The node each dart leaves; a dart with -1 belongs to no star.
+    side_node : int64 (n_side,)
+        The node each side leaves; a side with -1 belongs to no star.
     n_node : int
     starts, places : arrays
-        As in `find_targets`; darts of one node leave from one place.
-    target : int64 (n_dart,)
+        As in `find_targets`; sides of one node leave from one place.
+    target : int64 (n_side,)
         From `find_targets`; not -1 where there is a node.
 
     Returns
     -------
     bucket : int64 (n_node + 1,)
         The star of node n is ``star[bucket[n]:bucket[n + 1]]``.
-    star : int64 (n_dart or less,)
-        Darts, counter-clockwise from east.
-    is_beside : bool (n_dart or less,)
-        Whether the dart runs the same way as the one before it in the star.
+    star : int64 (n_side or less,)
+        Sides, counter-clockwise from east.
+    is_beside : bool (n_side or less,)
+        Whether the side runs the same way as the one before it in the star.
 
     Notes
     -----
@@ -126,19 +126,19 @@ def sort_stars(dart_node, n_node, starts, places, target):
     [2, 4, 0]
     """
     bucket = np.zeros(n_node + 1, np.int64)
-    for dart in range(len(dart_node)):
-        if dart_node[dart] >= 0:
-            bucket[dart_node[dart] + 1] += 1
+    for side in range(len(side_node)):
+        if side_node[side] >= 0:
+            bucket[side_node[side] + 1] += 1
     most = 0
     for node in range(n_node):
         most = max(most, bucket[node + 1])
         bucket[node + 1] += bucket[node]
     fill = bucket[:-1].copy()
     star = np.empty(bucket[n_node], np.int64)
-    for dart in range(len(dart_node)):
-        if dart_node[dart] >= 0:
-            star[fill[dart_node[dart]]] = dart
-            fill[dart_node[dart]] += 1
+    for side in range(len(side_node)):
+        if side_node[side] >= 0:
+            star[fill[side_node[side]]] = side
+            fill[side_node[side]] += 1
     spare, is_beside = np.empty(most, np.int64), np.zeros(len(star), np.bool_)
     for node in range(n_node):
         low, high = bucket[node], bucket[node + 1]
@@ -150,19 +150,19 @@ def sort_stars(dart_node, n_node, starts, places, target):
 
 @njit(nogil=True, cache=True)
 def wrong_links(bucket, star, is_beside, link):
-    """Darts whose link is not the next edge counter-clockwise.
+    """Sides whose link is not the next edge counter-clockwise.
 
     Parameters
     ----------
     bucket, star, is_beside : arrays
         From `sort_stars`.
-    link : int64 (n_dart,)
-        The edge each dart names as next round the node it leaves: ``left_edge`` of darts 2e, ``right_edge`` of 2e + 1.
+    link : int64 (n_side,)
+        The edge each side names as next round the node it leaves: ``left_edge`` of sides 2e, ``right_edge`` of 2e + 1.
 
     Returns
     -------
     wrong : int64 (n,)
-        Darts.
+        Sides.
     expected : int64 (n,)
         The edge met first.
 
@@ -181,21 +181,21 @@ def wrong_links(bucket, star, is_beside, link):
     for node in range(len(bucket) - 1):
         low, high = bucket[node], bucket[node + 1]
         for slot in range(low, high):
-            dart = star[slot]
-            follower[dart] = star[slot + 1 if slot + 1 < high else low] // 2
+            side = star[slot]
+            follower[side] = star[slot + 1 if slot + 1 < high else low] // 2
             first = slot
             while first > low and is_beside[first]:
                 first -= 1
             is_found, at, group = False, first, 0
             for _ in range(high - low):
-                if (at != slot or high - low == 1) and star[at] // 2 == link[dart]:
+                if (at != slot or high - low == 1) and star[at] // 2 == link[side]:
                     is_found = True
                     break
                 at = at + 1 if at + 1 < high else low
                 group += 0 if is_beside[at] else 1
                 if group > 1:
                     break
-            is_wrong[dart] = not is_found
+            is_wrong[side] = not is_found
     wrong = np.flatnonzero(is_wrong)
     return wrong, follower[wrong]
 
@@ -207,19 +207,19 @@ def find_rings(bucket, star):
     Parameters
     ----------
     bucket, star : arrays
-        From `sort_stars`; every dart is in a star.
+        From `sort_stars`; every side is in a star.
 
     Returns
     -------
-    follower : int64 (n_dart,)
-        The dart that a walk goes on with.
-    ring : int64 (n_dart,)
-        Number of the walk, from 0 in the order of the least darts.
+    follower : int64 (n_side,)
+        The side that a walk goes on with.
+    ring : int64 (n_side,)
+        Number of the walk, from 0 in the order of the least sides.
     n_ring : int
 
     Examples
     --------
-    An edge alone, and an edge that is a loop (its darts leave north and east of one node):
+    An edge alone, and an edge that is a loop (its sides leave north and east of one node):
 
     >>> find_rings(np.array([0, 1, 2, 4]), np.array([0, 1, 2, 3]))[1].tolist()
     [0, 0, 1, 2]
@@ -232,10 +232,10 @@ def find_rings(bucket, star):
     ring, n_ring = np.full(len(star), -1, np.int64), 0
     for first in range(len(star)):
         if ring[first] < 0:
-            dart = first
-            while ring[dart] < 0:
-                ring[dart] = n_ring
-                dart = follower[dart]
+            side = first
+            while ring[side] < 0:
+                ring[side] = n_ring
+                side = follower[side]
             n_ring += 1
     return follower, ring, n_ring
 

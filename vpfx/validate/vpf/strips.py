@@ -1,10 +1,10 @@
-"""Segments in strips: which of them cross, and on which side of them a place lies.
+r"""Segments in strips: which of them cross, and on which side of them a place lies.
 
 A *strip* is a band of the plane from west to east. Each segment stands in every strip it reaches, in the order of its western
 ends, so what may touch it is found by going on in the list for as long as lists begin west of its eastern end::
 
         strip 1   ---a---   ----c----        strip 1: a, c, d
-                          \\
+                          \
         strip 0  -----b----  d               strip 0: b, d
 """
 
@@ -174,9 +174,9 @@ def _clash(i, j, segments):
 
 @njit(nogil=True, cache=True)
 def _find_clashes(segments, strips, first, most):
-    """Pairs of segments that clash, at most so many, and the number of all pairs."""
+    """Pairs of segments that clash, at most so many of each kind, and the number of all pairs of each kind."""
     ends = segments.ends
-    pairs, n_pair = np.empty((most, 3), np.int64), 0
+    pairs, n_pair, count = np.empty((2 * most, 3), np.int64), 0, np.zeros(3, np.int64)
     for strip in range(len(strips.bucket) - 1):
         low, high = strips.bucket[strip], strips.bucket[strip + 1]
         for slot in range(low, high):
@@ -193,13 +193,14 @@ def _find_clashes(segments, strips, first, most):
                     continue  # seen in the strip where both are for the first time
                 kind = _clash(i, j, segments)
                 if kind > 0:
-                    if n_pair < most:
-                        pairs[n_pair, 0], pairs[n_pair, 1], pairs[n_pair, 2] = i, j, kind
-                    n_pair += 1
-    return pairs[: min(most, n_pair)], n_pair
+                    if count[kind] < most:
+                        pairs[n_pair, 0], pairs[n_pair, 1], pairs[n_pair, 2] = min(i, j), max(i, j), kind
+                        n_pair += 1
+                    count[kind] += 1
+    return pairs[:n_pair], count
 
 
-def find_clashes(segments: Segments, strips: Strips, most: int = 100) -> tuple[NDArray[np.int64], int]:
+def find_clashes(segments: Segments, strips: Strips, most: int = 100) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     """Places that edges have in common and may not: all but nodes that end both.
 
     Parameters
@@ -208,14 +209,14 @@ def find_clashes(segments: Segments, strips: Strips, most: int = 100) -> tuple[N
     strips : Strips
         Of the same segments.
     most : int
-        Pairs to name.
+        Pairs of each kind to name.
 
     Returns
     -------
     pairs : int64 (n, 3)
         Two indices of segments, and `CROSS` or `OVERLAP`.
-    count : int
-        Pairs there are.
+    count : int64 (3,)
+        Pairs there are, by kind.
 
     Notes
     -----
@@ -225,7 +226,7 @@ def find_clashes(segments: Segments, strips: Strips, most: int = 100) -> tuple[N
     --------
     >>> segments = make_segments(np.array([0, 2, 4]), np.array([[0, 0], [2, 2], [0, 2], [2, 0.0]]))
     >>> find_clashes(segments, make_strips(segments))
-    (array([[0, 1, 1]]), 1)
+    (array([[0, 1, 1]]), array([0, 1, 0]))
     """
     first = np.searchsorted(strips.cuts, np.minimum(segments.ends[:, 1], segments.ends[:, 3]), side="right")
     return _find_clashes(segments, strips, first, most)
