@@ -145,11 +145,14 @@ class TableData:
         What findings call it.
     level : int or None
         Topology level of the coverage it is part of, if that is known.
+    above : Folder or None
+        The folder of the coverage, if the table lies in one of its tiles.
     """
 
     def __init__(self, folder: Folder, name: str) -> None:
         self.folder, self.name, self.path = folder, name, folder.files[name]
         self.level: int | None = None
+        self.above: Folder | None = None
         self.kind = kind_of(name)
         self.where = folder.place(self.path.name)
 

@@ -106,14 +106,18 @@ class LibraryData:
         return "" if column is None or not len(column) else (texts(column)[0] or "")
 
     @cached_property
-    def coverages(self) -> dict[str, CoverageData]:
-        """Coverages on the disk: those of ``cat``, and folders with a schema."""
+    def coverage_paths(self) -> dict[str, Path]:
+        """Folders of coverages on the disk: those of ``cat``, and those with a schema."""
         found = {}
         for name, path in self.folder.folders.items():
-            folder = Folder(self.folder.root, path, self.folder.place(path.name))
-            if name in self.listed or "fcs" in folder.files:
-                found[name] = CoverageData(self, folder, name)
+            if name in self.listed or "fcs" in Folder(self.folder.root, path, "").files:
+                found[name] = path
         return found
+
+    def coverage(self, name: str) -> CoverageData:
+        """A coverage, read anew: what is read of it is kept no longer than it."""
+        path = self.coverage_paths[name]
+        return CoverageData(self, Folder(self.folder.root, path, self.folder.place(path.name)), name)
 
     @cached_property
     def tileref(self) -> CoverageData | None:
@@ -158,7 +162,6 @@ class CoverageData:
     def __init__(self, library: LibraryData | None, folder: Folder, name: str) -> None:
         self.library, self.folder, self.name = library, folder, name
         self._counts: dict[tuple[str, int], int | None] = {}
-        self._folders: dict[int, Folder | None] = {}
 
     @property
     def level(self) -> int | None:
@@ -206,7 +209,7 @@ class CoverageData:
             return False
         return not any(name in self.folder.files for name in PRIMITIVES)
 
-    @property
+    @cached_property
     def tile_ids(self) -> list[int]:
         """Ids of the tiles that have a folder here; 0 stands for the coverage itself."""
         if not self.is_tiled or self.library is None:
@@ -214,13 +217,11 @@ class CoverageData:
         return [tile_id for tile_id in sorted(self.library.tiles) if self.tile_folder(tile_id) is not None]
 
     def tile_folder(self, tile_id: int) -> Folder | None:
-        """Where the primitives of a tile lie; None if there is no such tile or folder."""
+        """Where the primitives of a tile lie, read anew; None if there is no such tile or folder."""
         if tile_id == 0 or not self.is_tiled:
             return self.folder if tile_id == 0 else None
-        if tile_id not in self._folders:
-            row = None if self.library is None else self.library.tiles.get(tile_id)
-            self._folders[tile_id] = None if row is None else self.folder.below(*row.parts)
-        return self._folders[tile_id]
+        row = None if self.library is None else self.library.tiles.get(tile_id)
+        return None if row is None else self.folder.below(*row.parts)
 
     def count(self, primitive: str, tile_id: int) -> int | None:
         """Rows of a table of primitives of a tile; None if there is no such table, or it is broken."""
@@ -233,12 +234,11 @@ class CoverageData:
 
     def tables(self) -> Iterator[TableData]:
         """Yield all tables of the coverage, and of its tiles."""
-        folders = [self.folder]
-        if self.is_tiled:
-            folders += [folder for folder in map(self.tile_folder, self.tile_ids) if folder is not None]
-        for folder in folders:
-            for table in folder.tables.values():
+        for tile_id in [0, *self.tile_ids] if self.is_tiled else [0]:
+            folder = self.tile_folder(tile_id)
+            for table in [] if folder is None else folder.tables.values():
                 table.level = self.level
+                table.above = self.folder if tile_id else None
                 yield table
 
 

@@ -66,8 +66,9 @@ def check_ids(data: ScannedTable) -> Iterator[Defects]:
 
 def check_list_ids(data: ScannedTable) -> Iterator[Defects]:
     """The same of tables whose rows nobody names."""
-    if _is_list(data):
-        yield from data.scan.ids.defects()
+    for ids in data.scan.ids.defects() if _is_list(data) else ():
+        where, message = ids.describe(0)
+        yield one(where, message if ids.count == 1 else f"{message}; {ids.count} rows are so")
 
 
 def check_columns(data: ScannedTable) -> Iterator[Defects]:
