@@ -24,6 +24,7 @@ class Style:
     is_old: bool = False  # names and keys of 1992
     has_rings: bool = True  # else no `fac` and `rng`
     stray: bytes = b""  # behind the last row
+    has_heights: bool = False  # else heights, where the coordinates have some, are no numbers
 
     def named(self, name):
         """Name of a file."""

@@ -137,7 +137,10 @@ def expected_lines(ground):
 
 
 def _places(style, places):
-    return [(*place, float("nan")) if style.coordinate in "ZY" else place for place in places]
+    """Places as the coordinates have them; a height is a hundred more than x."""
+    if style.coordinate in "CB":
+        return places
+    return [(x, y, 100.0 + x if style.has_heights else float("nan")) for x, y in places]
 
 
 def _write_primitives(folder, style, ground, tile):

@@ -13,6 +13,7 @@ from vpfx.cli.sql import sql
 from vpfx.cli.store import info, plot
 from vpfx.cli.validate import validate
 from vpfx.cli.vpf import dump, ls, vpf
+from vpfx.cli.vpf_gpkg import to_gpkg
 
 __all__ = [
     "app",
@@ -36,6 +37,7 @@ __all__ = [
     "region",
     "sight",
     "sql",
+    "to_gpkg",
     "validate",
     "viewshed",
     "volume",

@@ -121,7 +121,7 @@ def _decoded(column: Column, values: NDArray[Any] | Ragged) -> dict[str, Field]:
 
 def _listed(row: NDArray[Any]) -> str:
     """Numbers of a row as text: blanks in a place, commas between places."""
-    return ", ".join(" ".join(map(str, np.atleast_1d(place).tolist())) for place in row)
+    return ", ".join(" ".join(map(str, place)) for place in np.atleast_2d(row).tolist())
 
 
 def iso_date(text: str) -> str | None:

@@ -165,6 +165,8 @@ def is_null(column: NDArray[Any] | Ragged, kind: str) -> NDArray[np.bool_]:
     """
     if isinstance(column, Ragged):
         return column.counts == 0
+    if len(column) == 0:
+        return np.zeros(0, bool)
     if kind == "X":
         return np.ones(len(column), bool)
     flat = column.reshape(len(column), math.prod(column.shape[1:]))
