@@ -114,8 +114,8 @@ def _as_bytes(text: Any, row: int) -> bytes:
     if isinstance(text, bytes):
         return text
     try:
-        return str(text).encode("latin-1")
-    except UnicodeEncodeError:
+        return text.encode("latin-1")
+    except (UnicodeEncodeError, AttributeError):
         raise InputError(f"row {row + 1}: found {text!r}, expected characters of Latin-1") from None
 
 
