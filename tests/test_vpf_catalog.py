@@ -8,7 +8,7 @@ import shutil
 import numpy as np
 import pytest
 from conftest import shared_vpf
-from hypothesis import given, settings
+from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from small_vpf import FORWARD, JOINED, make_database, put, put_cat, put_lat, put_tiles
 
@@ -16,6 +16,7 @@ from vpfx.errors import InputError, NotFoundError, VpfFormatError
 from vpfx.vpf import layouts, schema
 from vpfx.vpf.catalog import FeatureClass, Join, open_database
 from vpfx.vpf.header import Column, Layout, check_layout
+from vpfx.vpf.listing import list_database, list_lines
 from vpfx.vpf.paths import check_name, find, split
 from vpfx.vpf.table import read_table
 from vpfx.vpf.values import texts
@@ -564,3 +565,24 @@ def test_every_real_text_is_read():
             table = read_table(coverage.table(found.table))
             assert found.prim_key in table
             assert all(len(texts(table[c.name])) == table.n_row for c in table.layout.columns if c.kind == "T")
+
+
+@settings(max_examples=60, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(st.data())
+def test_directories_with_changed_bytes(root, data):
+    """Whatever stands in the tables: a listing, or an error that says where; and all that is found lies in the directory."""
+    path = data.draw(st.sampled_from(sorted(path for path in root.rglob("*") if path.is_file())))
+    whole = path.read_bytes()
+    changed = bytearray(whole)
+    for _ in range(data.draw(st.integers(1, 3))):
+        changed[data.draw(st.integers(0, len(changed) - 1))] = data.draw(st.integers(0, 255))
+    try:
+        path.write_bytes(changed[: data.draw(st.integers(0, len(changed)) | st.just(len(changed)))])
+        document = list_database(open_database(root))
+        assert list_lines(document)
+        for library in open_database(root).libraries.values():
+            assert library.path.parent == root
+    except (VpfFormatError, NotFoundError):
+        pass
+    finally:
+        path.write_bytes(whole)

@@ -16,6 +16,7 @@ __all__ = [
     "face_shapes",
     "face_slopes",
     "heights_on_faces",
+    "orientation",
     "orientations",
     "shared_areas",
 ]
@@ -288,3 +289,69 @@ def shared_areas(
     area = np.concatenate([area[is_pair], same_area])
     order = np.lexsort(pairs.T)
     return pairs[order], area[order]
+
+
+@njit(nogil=True, cache=True)
+def _product(a, b):
+    """Product of two doubles as a rounded number and the exact rest (Dekker)."""
+    whole = a * b
+    split_a, split_b = 134217729.0 * a, 134217729.0 * b
+    high_a, high_b = split_a - (split_a - a), split_b - (split_b - b)
+    low_a, low_b = a - high_a, b - high_b
+    rest = low_a * low_b - (((whole - high_a * high_b) - low_a * high_b) - high_a * low_b)
+    return whole, rest
+
+
+@njit(nogil=True, cache=True)
+def _sign_of_sum(terms):
+    """Sign of a sum of doubles, without rounding; the terms are overwritten with numbers that do not overlap."""
+    for i in range(len(terms)):
+        carry = terms[i]
+        for j in range(i):
+            whole = carry + terms[j]
+            part = whole - carry
+            terms[j] = (carry - (whole - part)) + (terms[j] - part)
+            carry = whole
+        terms[i] = carry
+    for i in range(len(terms) - 1, -1, -1):
+        if terms[i] != 0.0:
+            return 1 if terms[i] > 0.0 else -1
+    return 0
+
+
+@njit(nogil=True, cache=True)
+def orientation(ax, ay, bx, by, cx, cy):
+    """Which way a → b → c turns, exactly.
+
+    Parameters
+    ----------
+    ax, ay, bx, by, cx, cy : float64
+        Finite; products of two of them neither overflow nor fall below the normal doubles.
+
+    Returns
+    -------
+    int
+        1 counter-clockwise, -1 clockwise, 0 if the three lie on one line.
+
+    Notes
+    -----
+    Source: J. R. Shewchuk, Adaptive precision floating-point arithmetic and fast robust geometric predicates, 1997. Where
+    rounding could decide, the six products of the determinant are added up without rounding.
+
+    Examples
+    --------
+    >>> orientation(0.0, 0.0, 3.0, 0.1, 3e8, 1e7), orientation(0.0, 0.0, 3.0, 0.1, 3e8, np.nextafter(1e7, 2e7))
+    (-1, 1)
+    """
+    left, right = (ax - cx) * (by - cy), (ay - cy) * (bx - cx)
+    turn = left - right
+    if abs(turn) > SURE_TURN * (abs(left) + abs(right)):
+        return 1 if turn > 0.0 else -1
+    terms = np.empty(12)
+    terms[0], terms[1] = _product(ax, by)
+    terms[2], terms[3] = _product(-ay, bx)
+    terms[4], terms[5] = _product(bx, cy)
+    terms[6], terms[7] = _product(-by, cx)
+    terms[8], terms[9] = _product(cx, ay)
+    terms[10], terms[11] = _product(-cy, ax)
+    return _sign_of_sum(terms)

@@ -67,7 +67,7 @@ def _as_array(column: Column, values: Any, n_row: int, where: str) -> NDArray[An
     if isinstance(values, Ragged):
         raise InputError(f"{where}: found rows of different lengths, expected {column.count} elements each (V-117)")
     if not isinstance(values, np.ndarray):
-        values = _without_none(column, values)
+        values = _without_none(column, list(values))
     if column.kind in TEXT_KINDS + "D":
         return _as_text(column, values, n_row, where)
     try:
@@ -82,17 +82,18 @@ def _as_array(column: Column, values: Any, n_row: int, where: str) -> NDArray[An
     return _as_numbers(column, array, where)
 
 
-def _without_none(column: Column, values: Any) -> Any:
+def _without_none(column: Column, values: list[Any]) -> list[Any]:
     """Return a list whose rows None are the null of the type (V-112), and whose dates are text."""
-    values = list(values)
     if column.kind == "D":
-        return [date_text(value) if value is None or isinstance(value, dt.date) else value for value in values]
+        values = [date_text(value) if value is None or isinstance(value, dt.date) else value for value in values]
+    if column.kind in TEXT_KINDS + "D":
+        null: Any = null_text(column.count).decode()
+        strings = (value.decode("latin-1") if isinstance(value, bytes) else value for value in values)
+        return [null if value is None else value for value in strings]
     if all(value is not None for value in values):
         return values
-    null: Any = {"S": NULL_SHORT, "I": NULL_INT}.get(column.kind, np.nan)
-    if column.kind in TEXT_KINDS:
-        null = null_text(column.count).decode()
-    elif column.kind == "K":
+    null = {"S": NULL_SHORT, "I": NULL_INT}.get(column.kind, np.nan)
+    if column.kind == "K":
         null = 0 if all(value is None or np.ndim(value) == 0 for value in values) else (0, 0, 0)
     elif column.kind in "CBZY":
         null = np.full(element_type(column).shape, np.nan)
@@ -124,6 +125,8 @@ def _refuse_overflow(array: NDArray[Any], cast: NDArray[Any], where: str) -> Non
 
 def _as_text(column: Column, values: Any, n_row: int, where: str) -> NDArray[Any]:
     """Return texts as bytes, blanks behind them up to the width of the column."""
+    if isinstance(values, list) and not all(isinstance(value, str | bytes) for value in values):
+        raise InputError(f"{where}: found values that are no texts, expected {n_row} texts (V-117)")
     array = np.asarray(values) if n_row else np.empty(0, "S1")
     if array.dtype.kind not in "SU" or array.shape != (n_row,):
         raise InputError(f"{where}: found an array of {array.dtype} {array.shape}, expected texts ({n_row},) (V-117)")
@@ -133,7 +136,7 @@ def _as_text(column: Column, values: Any, n_row: int, where: str) -> NDArray[Any
     if bad >= 0:
         name = "Latin-1" if most == 255 else "ASCII (type L takes Latin-1)"
         expected = f"expected at most {width} characters of {name}"
-        raise InputError(f"{where}: row {bad + 1}: found {array[bad]!r}, {expected} (V-113)")
+        raise InputError(f"{where}: row {bad + 1}: found {array[bad].item()!r}, {expected} (V-113)")
     return out.reshape(-1).view(f"S{width}")
 
 
@@ -146,7 +149,7 @@ def _as_characters(array: NDArray[Any], where: str) -> NDArray[np.uint8]:
     beyond = np.flatnonzero((codes > 255).any(axis=1))
     if len(beyond):
         row = int(beyond[0])
-        raise InputError(f"{where}: row {row + 1}: found {array[row]!r}, expected characters of Latin-1 (V-113)")
+        raise InputError(f"{where}: row {row + 1}: found {array[row].item()!r}, expected characters of Latin-1 (V-113)")
     return codes.astype(np.uint8)
 
 

@@ -17,7 +17,7 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-__all__ = ["bin_reach", "is_placed", "place_boxes", "walk_bins"]
+__all__ = ["bin_boxes", "is_placed", "place_boxes", "walk_bins"]
 
 DEEPEST = 32  # cuts above a bin whose number fits 31 bits
 
@@ -72,24 +72,24 @@ def is_placed(starts, boxes):
 
 
 @njit(nogil=True, cache=True)
-def bin_reach(starts, boxes):
+def bin_boxes(starts, boxes):
     """Box around the boxes of each bin and of all bins below it, uint8 (n_bin + 1, 4); row 0 is not used."""
-    reach = np.empty((starts.shape[0], 4), np.uint8)
-    reach[:, :2] = 255
-    reach[:, 2:] = 0
+    around = np.empty((starts.shape[0], 4), np.uint8)
+    around[:, :2] = 255
+    around[:, 2:] = 0
     for k in range(starts.shape[0] - 1, 0, -1):
         for i in range(starts[k - 1], starts[k]):
             for axis in range(2):
-                reach[k, axis] = min(reach[k, axis], boxes[i, axis])
-                reach[k, axis + 2] = max(reach[k, axis + 2], boxes[i, axis + 2])
+                around[k, axis] = min(around[k, axis], boxes[i, axis])
+                around[k, axis + 2] = max(around[k, axis + 2], boxes[i, axis + 2])
         for axis in range(2):
-            reach[k >> 1, axis] = min(reach[k >> 1, axis], reach[k, axis])
-            reach[k >> 1, axis + 2] = max(reach[k >> 1, axis + 2], reach[k, axis + 2])
-    return reach
+            around[k >> 1, axis] = min(around[k >> 1, axis], around[k, axis])
+            around[k >> 1, axis + 2] = max(around[k >> 1, axis + 2], around[k, axis + 2])
+    return around
 
 
 @njit(nogil=True, cache=True)
-def walk_bins(query, starts, reach, boxes, ids, found):
+def walk_bins(query, starts, around, boxes, ids, found):
     """Fill `found` with the ids of boxes that touch the query, int64 (4,) in steps; return how many. Source: V-302."""
     n = 0
     stack = np.empty(DEEPEST + 2, np.int64)
@@ -98,7 +98,7 @@ def walk_bins(query, starts, reach, boxes, ids, found):
     while n_stack > 0:
         n_stack -= 1
         k = stack[n_stack]
-        box = reach[k]
+        box = around[k]
         if box[0] > query[2] or box[2] < query[0] or box[1] > query[3] or box[3] < query[1]:
             continue
         for i in range(starts[k - 1], starts[k]):

@@ -34,7 +34,7 @@ __all__ = [
 COUNTED = -1
 """The count `*`: each row says how many elements follow."""
 
-MOST_HEADER = 1 << 20  # bytes; the longest header seen has 1 351
+MOST_HEADER = 1 << 18  # bytes: what `MOST_COLUMNS` of the widest take; the longest header seen has 1 351
 MOST_COLUMNS = 1000  # the most seen are 40
 MOST_COUNT = 2_000_000  # elements of one column of a row: OGDI refuses more
 MOST_ROW = 2**31 - 1  # bytes of a row of fixed length: what a NumPy record can have
@@ -257,7 +257,10 @@ def _hide(text: str) -> str:
 
 def _plain(text: str) -> str:
     """Return a text with its hidden characters, without blanks round it."""
-    return re.sub("[\ue000-\ue0ff]", lambda match: chr(ord(match[0]) - _HIDDEN), text.strip(" \t\r\n\0"))
+    text = text.strip(" \t\r\n\0")
+    if text.isascii():
+        return text
+    return re.sub("[\ue000-\ue0ff]", lambda match: chr(ord(match[0]) - _HIDDEN), text)
 
 
 def _name(text: str) -> str:

@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from vpfx.errors import InputError, VpfFormatError
-from vpfx.vpf.bins import bin_reach, is_placed, place_boxes, walk_bins
+from vpfx.vpf.bins import bin_boxes, is_placed, place_boxes, walk_bins
 
 __all__ = ["SpatialIndex", "build", "outward", "read"]
 
@@ -75,10 +75,10 @@ class SpatialIndex:
     starts: NDArray[np.int64]
     order: str = "<"
     stray: int = 0
-    _reach: NDArray[np.uint8] = field(init=False, repr=False)
+    _bin_boxes: NDArray[np.uint8] = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "_reach", bin_reach(self.starts, self.boxes))
+        object.__setattr__(self, "_bin_boxes", bin_boxes(self.starts, self.boxes))
 
     @property
     def n_bin(self) -> int:
@@ -121,7 +121,9 @@ class SpatialIndex:
         is_flat = np.tile(edges[:2] == edges[2:], 2)
         query[is_flat] = np.array([0, 0, STEPS, STEPS])[is_flat]
         found = np.empty(len(self.ids), np.int32)
-        n = walk_bins(np.clip(query, 0, STEPS).astype(np.int64), self.starts, self._reach, self.boxes, self.ids, found)
+        n = walk_bins(
+            np.clip(query, 0, STEPS).astype(np.int64), self.starts, self._bin_boxes, self.boxes, self.ids, found
+        )
         return np.sort(found[:n])
 
 

@@ -6,6 +6,7 @@ Source: specs/vpf.md, V-112 to V-116.
 from __future__ import annotations
 
 import datetime as dt
+import math
 import re
 from collections.abc import Mapping, Sequence
 from itertools import pairwise
@@ -113,8 +114,8 @@ def _as_bytes(text: Any, row: int) -> bytes:
     if isinstance(text, bytes):
         return text
     try:
-        return str(text).encode("latin-1")
-    except UnicodeEncodeError:
+        return text.encode("latin-1")
+    except (UnicodeEncodeError, AttributeError):
         raise InputError(f"row {row + 1}: found {text!r}, expected characters of Latin-1") from None
 
 
@@ -168,7 +169,7 @@ def is_null(column: NDArray[Any] | Ragged, kind: str) -> NDArray[np.bool_]:
         return np.zeros(0, bool)
     if kind == "X":
         return np.ones(len(column), bool)
-    flat = column.reshape(len(column), -1)
+    flat = column.reshape(len(column), math.prod(column.shape[1:]))
     nulls: Any
     if kind in "TLNMD":
         nulls = np.isin(np.char.strip(flat, b" \0"), [text.encode() for text in NULL_TEXTS])

@@ -1,0 +1,1 @@
+"""Rules V7xx: VPF directories, and our own extension of VPF."""

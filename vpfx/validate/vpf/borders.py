@@ -1,0 +1,238 @@
+"""Rules V742 to V744: what lies across the borders of tiles, as the external parts of triplets name it.
+
+::
+
+    tile 1             | tile 2           edge 7 of tile 1 and edge 3 of tile 2 are the same line. Its right face is here the
+        face 5   edge 7|edge 3  face 2    universe, there face 2: (1, 2, 2); its left face there is (1, 1, 5)
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from functools import cached_property
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vpfx.validate.report import ERROR, Defects, Rule, some
+from vpfx.validate.vpf.parts import CoverageData
+from vpfx.validate.vpf.tile import TileData
+
+__all__ = ["RULES", "Borders"]
+
+Ids = NDArray[np.int64]
+
+COLUMNS = ("right_face", "left_face", "right_edge", "left_edge", "first_edge")
+RIGHT_FACE, LEFT_FACE, RIGHT_EDGE, LEFT_EDGE, FIRST_EDGE = range(5)
+TABLES = ("edg", "edg", "edg", "edg", "cnd")
+TARGETS = ("fac", "fac", "edg", "edg", "edg")
+
+
+class External(NamedTuple):
+    """External parts of triplets, one a row.
+
+    Attributes
+    ----------
+    tile, row : int64 (n,)
+        Where the triplet stands; rows from 1.
+    column : int64 (n,)
+        Number in `COLUMNS`.
+    other_tile, other_row : int64 (n,)
+        What the external part names.
+    xy : float64 (n, 2)
+        The node that a link turns round; NaN of faces.
+    """
+
+    tile: Ids
+    row: Ids
+    column: Ids
+    other_tile: Ids
+    other_row: Ids
+    xy: NDArray[np.float64]
+
+
+class BorderEdges(NamedTuple):
+    """Edges that touch nodes on borders.
+
+    Attributes
+    ----------
+    tile, row : int64 (n,)
+    ends : float64 (n, 4)
+        Places of start and end.
+    faces : int64 (n, 2, 3)
+        Right and left face.
+    """
+
+    tile: Ids
+    row: Ids
+    ends: NDArray[np.float64]
+    faces: Ids
+
+
+class Borders:
+    """What the tiles of a coverage say about each other, gathered tile by tile."""
+
+    def __init__(self, coverage: CoverageData) -> None:
+        self.coverage = coverage
+        self._external: list[External] = []
+        self._edges: list[BorderEdges] = []
+
+    def add(self, tile: TileData) -> None:
+        """Add what a tile says; nothing if its edges are broken."""
+        graph, edges = tile.graph, tile.edges
+        if graph is None or edges is None or edges.links is None or tile.node_places is None:
+            return
+        xy, ends = tile.node_places[:, :2], tile.node_places[:, :2][graph.nodes]
+        none = np.full((len(graph.nodes), 2), np.nan)
+        parts = []
+        if edges.faces is not None:
+            parts += [(RIGHT_FACE, edges.faces[:, 0], none), (LEFT_FACE, edges.faces[:, 1], none)]
+        parts += [(RIGHT_EDGE, edges.links[:, 0], ends[:, 1]), (LEFT_EDGE, edges.links[:, 1], ends[:, 0])]
+        first = tile.triplets("cnd", "first_edge")
+        if first is not None:
+            parts.append((FIRST_EDGE, first, xy))
+        on_border = np.zeros(len(xy), bool)
+        for column, triplet, at in parts:
+            row = np.flatnonzero(triplet[:, 1:].any(axis=1))
+            same = np.full(len(row), tile.tile_id), row + 1, np.full(len(row), column)
+            self._external.append(External(*same, triplet[row, 1], triplet[row, 2], at[row]))
+            if column == FIRST_EDGE:
+                on_border[row] = True
+            elif column in (RIGHT_EDGE, LEFT_EDGE):
+                on_border[graph.nodes[row, 1 if column == RIGHT_EDGE else 0]] = True
+            else:
+                on_border[graph.nodes[row].ravel()] = True
+        row = np.flatnonzero(on_border[graph.nodes].any(axis=1))
+        faces = np.zeros((len(row), 2, 3), np.int64) if edges.faces is None else edges.faces[row]
+        own = np.full(len(row), tile.tile_id)
+        self._edges.append(BorderEdges(own, row + 1, ends[row].reshape(-1, 4), faces))
+
+    @cached_property
+    def external(self) -> External:
+        """All external parts."""
+        return (
+            External(*(np.concatenate(parts) for parts in zip(*self._external, strict=True)))
+            if self._external
+            else (External(*(np.empty(0, np.int64),) * 5, np.empty((0, 2))))
+        )
+
+    @cached_property
+    def edges(self) -> BorderEdges:
+        """All edges at borders, by tile and row."""
+        if not self._edges:
+            return BorderEdges(*(np.empty(0, np.int64),) * 2, np.empty((0, 4)), np.empty((0, 2, 3), np.int64))
+        return BorderEdges(*(np.concatenate(parts) for parts in zip(*self._edges, strict=True)))
+
+    def place(self, tile: int, table: str) -> str:
+        """What findings call a table of a tile."""
+        folder = self.coverage.tile_folder(tile)
+        return f"table={table}" if folder is None else f"table={folder.place(table)}"
+
+    def locate(self, external: External, i: int) -> str:
+        """Place of an external part."""
+        column = external.column[i]
+        return f"{self.place(int(external.tile[i]), TABLES[column])} column={COLUMNS[column]} row={external.row[i]}"
+
+
+def _find(edges: BorderEdges, tile: Ids, row: Ids) -> Ids:
+    """Index of edges of tiles among those at borders; -1 of those that touch none."""
+    most = int(max(edges.row.max(initial=0), row.max(initial=0))) + 1
+    keys, wanted = edges.tile * most + edges.row, tile * most + row
+    order = np.argsort(keys, kind="stable")
+    if not len(keys):
+        return np.full(len(wanted), -1)
+    at = order[np.minimum(np.searchsorted(keys[order], wanted), len(keys) - 1)]
+    return np.where(keys[at] == wanted, at, -1)
+
+
+def check_range(borders: Borders) -> Iterator[Defects]:
+    """External parts name rows that exist, in another tile."""
+    external, coverage = borders.external, borders.coverage
+    targets = [external.other_tile * 2 + (external.column > LEFT_FACE)]
+    different, inverse = np.unique(targets[0], return_inverse=True)
+    tiles = set(coverage.tile_ids) - {0}
+    counts = [
+        coverage.count("edg" if key % 2 else "fac", key // 2) if key // 2 in tiles else None
+        for key in different.tolist()
+    ]
+    count = np.array([-1 if known is None else known for known in counts], np.int64)[inverse]
+    is_wrong = (external.other_row < 1) | (external.other_row > count) | (external.other_tile == external.tile)
+
+    def describe(i: int) -> tuple[str, str]:
+        found = f"found row {external.other_row[i]} of tile {external.other_tile[i]}"
+        if external.other_tile[i] == external.tile[i]:
+            return borders.locate(external, i), f"{found} named, which is this tile, expected another one"
+        there = f"one of its {count[i]} rows" if count[i] >= 0 else "a tile that is there"
+        return borders.locate(external, i), f"{found} named, expected {there}"
+
+    yield from some(np.flatnonzero(is_wrong), describe)
+
+
+def check_back(borders: Borders) -> Iterator[Defects]:
+    """Where a face lies in another tile, the same line there has it on that side, and this tile's face on the other."""
+    external, edges = borders.external, borders.edges
+    ask = np.flatnonzero(external.column <= LEFT_FACE)
+    own = _find(edges, external.tile[ask], external.row[ask])
+    ask, own = ask[own >= 0], own[own >= 0]
+    is_found = np.zeros(len(ask), bool)
+    side = external.column[ask]
+    for is_turned in (False, True):
+        ends = edges.ends[own][:, [2, 3, 0, 1]] if is_turned else edges.ends[own]
+        pair, at = _same_lines(external.other_tile[ask], ends, edges)
+        there = edges.faces[at, side[pair] ^ 1 if is_turned else side[pair], 0]
+        back = edges.faces[at, side[pair] if is_turned else side[pair] ^ 1]
+        here = edges.faces[own[pair], side[pair] ^ 1, 0]
+        is_right = (
+            (there == external.other_row[ask[pair]]) & (back[:, 1] == external.tile[ask[pair]]) & (back[:, 2] == here)
+        )
+        is_found[pair[is_right | (there == external.other_row[ask[pair]]) & (here == 1)]] = True
+
+    def describe(i: int) -> tuple[str, str]:
+        where, other = borders.locate(external, int(ask[i])), external.other_tile[ask[i]]
+        message = f"found face {external.other_row[ask[i]]} of tile {other} named, expected the same line there with it"
+        return where, f"{message}, and this tile's face on its other side"
+
+    yield from some(np.flatnonzero(~is_found), describe)
+
+
+def _same_lines(tile: Ids, ends: NDArray[np.float64], edges: BorderEdges) -> tuple[Ids, Ids]:
+    """Pairs of a question and an edge of its tile with its ends."""
+    table = np.concatenate([np.column_stack([edges.tile, edges.ends]), np.column_stack([tile, ends])])
+    _, key = np.unique(table, axis=0, return_inverse=True)
+    known, asked = key.ravel()[: len(edges.tile)], key.ravel()[len(edges.tile) :]
+    order = np.argsort(known, kind="stable")
+    first = np.searchsorted(known[order], asked, side="left")
+    count = np.searchsorted(known[order], asked, side="right") - first
+    pair = np.repeat(np.arange(len(asked)), count)
+    slot = np.arange(len(pair)) - np.repeat(np.cumsum(count) - count, count) + first[pair]
+    return pair, order[slot]
+
+
+def check_place(borders: Borders) -> Iterator[Defects]:
+    """An edge of another tile that a link or a node names touches the place of that node."""
+    external, edges = borders.external, borders.edges
+    ask = np.flatnonzero(external.column >= RIGHT_EDGE)
+    at = _find(edges, external.other_tile[ask], external.other_row[ask])
+    xy = external.xy[ask]
+    ends = edges.ends[at].reshape(-1, 2, 2) if len(edges.ends) else np.full((len(ask), 2, 2), np.nan)
+    is_wrong = (at < 0) | ~(ends == xy[:, None]).all(axis=2).any(axis=1)
+
+    def describe(i: int) -> tuple[str, str]:
+        found = f"found edge {external.other_row[ask[i]]} of tile {external.other_tile[ask[i]]} named"
+        message = f"{found}, expected one that touches ({xy[i, 0]:.9g}, {xy[i, 1]:.9g})"
+        return borders.locate(external, int(ask[i])), message
+
+    yield from some(np.flatnonzero(is_wrong), describe)
+
+
+SOUND = ("table_header", "table_rows", "primitive_references", "edge_ends", "edge_places")
+
+RULES = (
+    Rule("V742", "external_range", ERROR, "V-404", "a triplet names what another tile does not have", check_range, "borders",
+         needs=SOUND),
+    Rule("V743", "external_faces", ERROR, "V-404", "faces on the two sides of a border do not name each other", check_back,
+         "borders", needs=(*SOUND, "external_range")),
+    Rule("V744", "external_edges", ERROR, "V-404", "an edge named across a border does not touch the node", check_place,
+         "borders", needs=(*SOUND, "external_range")),
+)  # fmt: skip

@@ -1,0 +1,59 @@
+"""What the rules about VPF look at, one after the other."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+
+from vpfx.validate.run import Stage
+from vpfx.validate.vpf.features import ClassData
+from vpfx.validate.vpf.folders import TableData
+from vpfx.validate.vpf.names import FolderData, database_folder, library_folder
+from vpfx.validate.vpf.parts import CoverageData, LibraryData, Target
+from vpfx.validate.vpf.scan import ScannedTable
+from vpfx.validate.vpf.tile import TileData
+
+__all__ = ["vpf_stages"]
+
+
+def vpf_stages(target: Target) -> Iterator[Stage]:
+    """Yield the stages of a directory: tables, then what they make, tile by tile."""
+    if target.database is not None:
+        folder = target.database.folder
+        yield from _tables(folder.tables.values())
+        yield Stage("folder", database_folder(target.database), (folder.place("lat"), folder.place("dht")))
+    for library in target.libraries:
+        yield from _library_stages(library)
+    for coverage in target.coverages:
+        yield from _coverage_stages(coverage)
+
+
+def _tables(tables: Iterable[TableData]) -> Iterator[Stage]:
+    for table in tables:
+        yield Stage("table", ScannedTable(table), (table.where,))
+
+
+def _library_stages(library: LibraryData) -> Iterator[Stage]:
+    yield from _tables(library.folder.tables.values())
+    keys = tuple(library.folder.place(name) for name in ("cat", "grt", "lht"))
+    yield Stage("folder", library_folder(library), keys)
+    for name in library.coverage_paths:
+        yield from _coverage_stages(library.coverage(name))
+
+
+def _coverage_stages(coverage: CoverageData) -> Iterator[Stage]:
+    keys = tuple(coverage.folder.place(name) for name in ("fcs", "fca"))
+    yield from _tables(coverage.tables())
+    own = None if coverage.is_tiled else TileData(coverage, 0, coverage.folder)
+    yield Stage("folder", FolderData(coverage.folder, "coverage", tile=own), keys)
+    yield Stage("coverage", coverage, keys)
+    for tile_id in coverage.tile_ids:
+        folder = coverage.tile_folder(tile_id)
+        if folder is not None:
+            tile = TileData(coverage, tile_id, folder)
+            if coverage.is_tiled:
+                yield Stage("folder", FolderData(folder, "tile", tile=tile), tile.keys)
+            if {"edg", "end"} & set(folder.files):
+                yield Stage("tile", tile, tile.keys)
+    for feature_class in coverage.classes.values():
+        data = ClassData(coverage, feature_class)
+        yield Stage("class", data, data.keys)

@@ -1,0 +1,280 @@
+"""Edges round nodes, and the walks round faces that follow from them: kernels.
+
+An edge e has two *sides*: 2e leaves its start node, 2e + 1 its end node; d ^ 1 is the other side of the edge::
+
+                         left_face(e)
+        start node  o--- 2e ---> <--- 2e + 1 ---o  end node
+                         right_face(e)
+
+Turning counter-clockwise round a node leads from side to side of its *star*. Walking along side d, one arrives where d ^ 1
+leaves; going on with the next side counter-clockwise after that one keeps the same face on the right: the walk is one *ring*.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+
+from vpfx.geometry import orientation
+
+__all__ = ["find_rings", "find_targets", "label_parts", "sort_stars", "wrong_links"]
+
+
+@njit(nogil=True, cache=True)
+def find_targets(starts, places):
+    """For each side, the first place of its edge that is not where the side leaves.
+
+    Parameters
+    ----------
+    starts : int64 (n_edge + 1,)
+        Edge e has the places ``starts[e]`` to ``starts[e + 1]``, at least one.
+    places : float64 (n_place, 2)
+
+    Returns
+    -------
+    int64 (2 * n_edge,)
+        Indices of places; -1 where all places of the edge are one.
+
+    Examples
+    --------
+    >>> find_targets(np.array([0, 3]), np.array([[0, 0], [0, 0], [1, 0.0]])).tolist()
+    [2, 1]
+    """
+    n_edge = len(starts) - 1
+    target = np.full(2 * n_edge, -1, np.int64)
+    for edge in range(n_edge):
+        first, last = starts[edge], starts[edge + 1] - 1
+        for i in range(first + 1, last + 1):
+            if places[i, 0] != places[first, 0] or places[i, 1] != places[first, 1]:
+                target[2 * edge] = i
+                break
+        for i in range(last - 1, first - 1, -1):
+            if places[i, 0] != places[last, 0] or places[i, 1] != places[last, 1]:
+                target[2 * edge + 1] = i
+                break
+    return target
+
+
+@njit(nogil=True, cache=True)
+def _turn(a, b, starts, places, target):
+    """Sign of the way from side a to side b of one star, counted from east, counter-clockwise: 1 if b lies behind a."""
+    at_a = starts[a // 2] if a % 2 == 0 else starts[a // 2 + 1] - 1
+    at_b = starts[b // 2] if b % 2 == 0 else starts[b // 2 + 1] - 1
+    ox, oy = places[at_a, 0], places[at_a, 1]
+    ax, ay = places[target[a], 0], places[target[a], 1]
+    bx, by = places[target[b], 0], places[target[b], 1]
+    is_low_a = ay < oy or (ay == oy and ax < ox)
+    is_low_b = by < places[at_b, 1] or (by == places[at_b, 1] and bx < places[at_b, 0])
+    if is_low_a != is_low_b:
+        return -1 if is_low_a else 1
+    return orientation(ax, ay, bx, by, ox, oy)
+
+
+@njit(nogil=True, cache=True)
+def _merge_sort(sides, spare, starts, places, target):
+    """Sort the sides of one star counter-clockwise, from east; those of one direction keep their order."""
+    n, width = len(sides), 1
+    while width < n:
+        for low in range(0, n, 2 * width):
+            middle, high = min(low + width, n), min(low + 2 * width, n)
+            i, j = low, middle
+            for k in range(low, high):
+                if i < middle and (j >= high or _turn(sides[i], sides[j], starts, places, target) >= 0):
+                    spare[k] = sides[i]
+                    i += 1
+                else:
+                    spare[k] = sides[j]
+                    j += 1
+        sides[:] = spare[:n]
+        width *= 2
+
+
+@njit(nogil=True, cache=True)
+def sort_stars(side_node, n_node, starts, places, target):
+    """Sort the sides round every node.
+
+    Parameters
+    ----------
+    side_node : int64 (n_side,)
+        The node each side leaves; a side with -1 belongs to no star.
+    n_node : int
+    starts, places : arrays
+        As in `find_targets`; sides of one node leave from one place.
+    target : int64 (n_side,)
+        From `find_targets`; not -1 where there is a node.
+
+    Returns
+    -------
+    bucket : int64 (n_node + 1,)
+        The star of node n is ``star[bucket[n]:bucket[n + 1]]``.
+    star : int64 (n_side or less,)
+        Sides, counter-clockwise from east.
+    is_beside : bool (n_side or less,)
+        Whether the side runs the same way as the one before it in the star.
+
+    Notes
+    -----
+    Exact. Cost: O(n log n).
+
+    Examples
+    --------
+    One node with edges to the west, the east and the north:
+
+    >>> places = np.array([[0, 0], [-1, 0], [0, 0], [1, 0], [0, 0], [0, 1.0]])
+    >>> starts, node = np.array([0, 2, 4, 6]), np.array([0, -1, 0, -1, 0, -1])
+    >>> sort_stars(node, 1, starts, places, find_targets(starts, places))[1].tolist()
+    [2, 4, 0]
+    """
+    bucket = np.zeros(n_node + 1, np.int64)
+    for side in range(len(side_node)):
+        if side_node[side] >= 0:
+            bucket[side_node[side] + 1] += 1
+    most = 0
+    for node in range(n_node):
+        most = max(most, bucket[node + 1])
+        bucket[node + 1] += bucket[node]
+    fill = bucket[:-1].copy()
+    star = np.empty(bucket[n_node], np.int64)
+    for side in range(len(side_node)):
+        if side_node[side] >= 0:
+            star[fill[side_node[side]]] = side
+            fill[side_node[side]] += 1
+    spare, is_beside = np.empty(most, np.int64), np.zeros(len(star), np.bool_)
+    for node in range(n_node):
+        low, high = bucket[node], bucket[node + 1]
+        _merge_sort(star[low:high], spare, starts, places, target)
+        for slot in range(low + 1, high):
+            is_beside[slot] = _turn(star[slot - 1], star[slot], starts, places, target) == 0
+    return bucket, star, is_beside
+
+
+@njit(nogil=True, cache=True)
+def wrong_links(bucket, star, is_beside, link):
+    """Sides whose link is not the next edge counter-clockwise.
+
+    Parameters
+    ----------
+    bucket, star, is_beside : arrays
+        From `sort_stars`.
+    link : int64 (n_side,)
+        The edge each side names as next round the node it leaves: ``left_edge`` of sides 2e, ``right_edge`` of 2e + 1.
+
+    Returns
+    -------
+    wrong : int64 (n,)
+        Sides.
+    expected : int64 (n,)
+        The edge met first.
+
+    Notes
+    -----
+    Where edges leave side by side, every order of them will do.
+
+    Examples
+    --------
+    >>> bucket, star = np.array([0, 3]), np.array([2, 4, 0])
+    >>> link = np.array([1, -1, 0, -1, 0, -1])
+    >>> [part.tolist() for part in wrong_links(bucket, star, np.zeros(3, bool), link)]
+    [[2], [2]]
+    """
+    is_wrong, follower = np.zeros(len(link), np.bool_), np.full(len(link), -1, np.int64)
+    for node in range(len(bucket) - 1):
+        low, high = bucket[node], bucket[node + 1]
+        for slot in range(low, high):
+            side = star[slot]
+            follower[side] = star[slot + 1 if slot + 1 < high else low] // 2
+            first = slot
+            while first > low and is_beside[first]:
+                first -= 1
+            is_found, at, group = False, first, 0
+            for _ in range(high - low):
+                if (at != slot or high - low == 1) and star[at] // 2 == link[side]:
+                    is_found = True
+                    break
+                at = at + 1 if at + 1 < high else low
+                group += 0 if is_beside[at] else 1
+                if group > 1:
+                    break
+            is_wrong[side] = not is_found
+    wrong = np.flatnonzero(is_wrong)
+    return wrong, follower[wrong]
+
+
+@njit(nogil=True, cache=True)
+def find_rings(bucket, star):
+    """Number the walks round the faces.
+
+    Parameters
+    ----------
+    bucket, star : arrays
+        From `sort_stars`; every side is in a star.
+
+    Returns
+    -------
+    follower : int64 (n_side,)
+        The side that a walk goes on with.
+    ring : int64 (n_side,)
+        Number of the walk, from 0 in the order of the least sides.
+    n_ring : int
+
+    Examples
+    --------
+    An edge alone, and an edge that is a loop (its sides leave north and east of one node):
+
+    >>> find_rings(np.array([0, 1, 2, 4]), np.array([0, 1, 2, 3]))[1].tolist()
+    [0, 0, 1, 2]
+    """
+    follower = np.empty(len(star), np.int64)
+    for node in range(len(bucket) - 1):
+        low, high = bucket[node], bucket[node + 1]
+        for slot in range(low, high):
+            follower[star[slot] ^ 1] = star[slot + 1 if slot + 1 < high else low]
+    ring, n_ring = np.full(len(star), -1, np.int64), 0
+    for first in range(len(star)):
+        if ring[first] < 0:
+            side = first
+            while ring[side] < 0:
+                ring[side] = n_ring
+                side = follower[side]
+            n_ring += 1
+    return follower, ring, n_ring
+
+
+@njit(nogil=True, cache=True)
+def label_parts(start_node, end_node, n_node):
+    """Number what hangs together.
+
+    Parameters
+    ----------
+    start_node, end_node : int64 (n_edge,)
+    n_node : int
+
+    Returns
+    -------
+    part : int64 (n_node,)
+        Number of each node's part, from 0 in the order of the least nodes.
+    n_part : int
+
+    Examples
+    --------
+    >>> label_parts(np.array([3, 1]), np.array([0, 1]), 4)
+    (array([0, 1, 2, 0]), 3)
+    """
+    root = np.arange(n_node)
+    for edge in range(len(start_node)):
+        a, b = start_node[edge], end_node[edge]
+        while root[a] != a:
+            root[a] = root[root[a]]
+            a = root[a]
+        while root[b] != b:
+            root[b] = root[root[b]]
+            b = root[b]
+        root[max(a, b)] = min(a, b)
+    part, n_part = np.empty(n_node, np.int64), 0
+    for node in range(n_node):
+        if root[node] == node:
+            part[node] = n_part
+            n_part += 1
+        else:
+            part[node] = part[root[node]]
+    return part, n_part
