@@ -20,8 +20,11 @@ from vpfx.store.writer import FORMAT_VERSION
 
 ROOT = Path(__file__).resolve().parents[1]
 FIXTURES = ROOT / "fixtures" / "dem"
-NUMBER = re.compile(r"\b[RMQ]-\d{3}\b")
-PAGES = {kind: ROOT / "specs" / f"{name}.md" for kind, name in (("R", "format"), ("M", "methods"), ("Q", "query"))}
+NUMBER = re.compile(r"\b[EMQRV]-\d{3}\b")
+PAGES = {
+    kind: ROOT / "specs" / f"{name}.md"
+    for kind, name in (("R", "format"), ("M", "methods"), ("Q", "query"), ("V", "vpf"), ("E", "evpf"))
+}
 CITING = [
     *sorted(path for folder in ("vpfx", "tests", "bench") for path in (ROOT / folder).rglob("*.py")),
     *sorted((ROOT / "schema").glob("*.sql")),

@@ -13,11 +13,15 @@ import pytest
 import shapely
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from small_stores import build_kind
 from vpf_bytes import ID, Style, col, index_name, write
 from vpf_databases import expected_lines, write_database
 from vpf_maps import Map
 
+import vpfx
 from vpfx.errors import NotFoundError, VpfFormatError, VpfxError
+from vpfx.export import EXPORTERS
+from vpfx.registry import pick
 from vpfx.vpf.decode import iso_date
 from vpfx.vpf.geometry import face_polygons
 from vpfx.vpf.merge import merge_parts
@@ -200,7 +204,7 @@ def test_rows_that_are_not_numbered_from_one(tmp_path):
     assert found.problems == ()
     check_areas(found.geometry, ground)
     assert all(line is None for line in read(path, "line").geometry[:8])  # they name 1, 2, 3 …
-    assert "primitives of edg are not there, or have no shape: 1, 2, 3, 4, 5, …" in read(path, "line").problems[0]
+    assert "primitives of edg are missing, or have no shape: 1, 2, 3, 4, 5, …" in read(path, "line").problems[0]
 
 
 def test_tiles_that_are_not_there(tmp_path):
@@ -208,7 +212,7 @@ def test_tiles_that_are_not_there(tmp_path):
     path = write_database(tmp_path / "db", ground)
     shutil.rmtree(path / "lib/land/00/01")
     found, whole = read(path, "area"), areas_of(ground)
-    assert "lie in tiles that are not there: tiles 2" in found.problems[0]
+    assert "lie in tiles that are missing: tiles 2" in found.problems[0]
     lost = shapely.union_all([ground.square(cell) for cell in ground.tiles[1].face_at])
     for area, expected in zip(found.geometry, whole, strict=True):
         left = expected.difference(lost)
@@ -240,10 +244,10 @@ def test_what_has_no_shape(tmp_path):
     found = read(path, "area")
     assert [area is None for area in found.geometry[:2]] == [True, True]
     assert all(area is None for area in found.geometry[3:])
-    assert "rows of area.ajt name features that are not there: 77" in found.problems[0]
-    assert "primitives of fac are not there, or have no shape: 1, 2, 9999" in found.problems[-1]
+    assert "rows of area.ajt name features that are missing: 77" in found.problems[0]
+    assert "primitives of fac are missing, or have no shape: 1, 2, 9999" in found.problems[-1]
     lines = read(path, "line")
-    assert "primitives of edg are not there, or have no shape: 1, 2" in lines.problems[0]
+    assert "primitives of edg are missing, or have no shape: 1, 2" in lines.problems[0]
 
 
 def test_classes_that_the_schema_leaves_out(tmp_path):
@@ -346,7 +350,7 @@ def test_a_library_and_a_coverage_are_opened_alone(tmp_path):
         check_areas(read_class(coverage, coverage.classes["area"]).geometry, ground)
     problems = open_coverages(path).problems
     assert [line.split(": ")[1:] for line in problems] == [
-        ["libraries of lat are not there", "gone"], ["coverages of cat are not there", "absent"],
+        ["libraries of lat are missing", "gone"], ["coverages of cat are missing", "absent"],
     ]  # fmt: skip
     shutil.copytree(path / "lib/land", tmp_path / "bare" / "land")
     assert len(read_class(land(tmp_path / "bare/land"), coverage.classes["area"]).problems) == 1  # no tiles
@@ -400,3 +404,31 @@ def test_styles_differ(tmp_path):
     assert "EDG" in names
     assert index_name("edg").upper() in names
     assert (path / "LIB/LAND/EDG").read_bytes()[4:5] == b"M"
+
+
+def test_a_broken_tile_of_primitives_leaves_the_others(tmp_path):
+    ground = ground_of()
+    path = write_database(tmp_path / "db", ground)
+    edges = path / "lib/land/00/01/edg"
+    edges.write_bytes(edges.read_bytes()[:20])
+    for primitive in ("edg", "fac"):
+        found = read_primitives(land(path), primitive)
+        assert "00/01/edg" in found.problems[0]
+        assert 2 not in found.fields["tile_id"].to_list()
+
+
+def test_a_hierarchy_is_read_as_features(tmp_path):
+    """What vpfx writes itself: each face of a level is an area with the places of its nodes, in the order of the store."""
+    store = build_kind("tiles", tmp_path)
+    pick(EXPORTERS, "vpf", "format").write(store, tmp_path / "terrain")
+    coverages = {found.name: found for found in open_coverages(tmp_path / "terrain").coverages}
+    with vpfx.open_store(store) as opened:
+        for level in (0, 1):
+            tin, coverage = opened.tin(level), coverages[f"tin{level}"]
+            rows = read_class(coverage, feature_classes(coverage)[0]["tinface"])
+            order = np.argsort(tin.face_attributes["face_id"])
+            places = tin.nodes[tin.face_nodes[order]].astype(np.float32).astype(np.float64)
+            assert rows.problems == ()
+            assert len(rows.geometry) == len(places) > 2
+            for area, corners in zip(rows.geometry, places, strict=True):
+                assert sorted(area.exterior.coords[:-1]) == sorted(map(tuple, corners.tolist()))

@@ -162,7 +162,7 @@ def test_the_command(run, database, tmp_path):  # noqa: F811
     assert outcome.code == GOOD
     assert re.search(r"^land_area +\d+ features, Polygon Z$", outcome.out, re.MULTILINE)
     assert re.search(r"^a\.gpkg: [\d,]+ bytes, \d+ layers$", outcome.out.splitlines()[-1])
-    assert outcome.err.splitlines()[0] == "vpfx: db: libraries of lat are not there: gone"
+    assert outcome.err.splitlines()[0] == "vpfx: db: libraries of lat are missing: gone"
     before = (tmp_path / "a.gpkg").read_bytes()
     outcome = run("vpf", "to-gpkg", "db", "-o", "a.gpkg")
     assert (outcome.code, outcome.out) == (FAILURE, "")
@@ -249,7 +249,7 @@ def test_digest_of_what_was_read(database):
 
 def test_problems_are_warnings(database):
     shutil.rmtree(database / "lib/land/00/01")
-    with pytest.warns(VpfxWarning, match="lie in tiles that are not there: tiles 2"):
+    with pytest.warns(VpfxWarning, match="lie in tiles that are missing: tiles 2"):
         read_features(database, "EPSG:4326", EXTENT, layer="land/line")
 
 
@@ -278,7 +278,7 @@ def test_a_store_with_lines_of_vpf(run, database, tmp_path):  # noqa: F811
     outcome = run("build", dem, "-o", "a.gpkg", *flags, "--max-error", "40", "-q")
     assert outcome.code == GOOD
     assert outcome.err.startswith("vpfx: ")
-    assert outcome.err.endswith("lie in tiles that are not there: tiles 2\n")
+    assert outcome.err.endswith("lie in tiles that are missing: tiles 2\n")
     judge_store(tmp_path / "a.gpkg", dem)
     rows = query(tmp_path / "a.gpkg", "SELECT name, sha256, byte_count, driver FROM source ORDER BY name")
     assert rows[0] == ("db", *layer_source(database, "land/line"), "VPF")

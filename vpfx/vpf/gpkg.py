@@ -1,6 +1,6 @@
 """Feature classes of VPF as layers of a GeoPackage.
 
-Source: specs/vpf.md, V-440 to V-443.
+Source: specs/vpf.md, V-440 to V-442.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from pyproj.exceptions import CRSError
 from vpfx.errors import InputError, NotFoundError, StoreError, VpfxError
 from vpfx.vpf.catalog import Coverage
 from vpfx.vpf.opening import PRIMITIVES, feature_classes, open_coverages
-from vpfx.vpf.reader import FeatureRows, read_class, read_primitives, tiles_of
+from vpfx.vpf.reader import FeatureRows, has_faces, read_class, read_primitives, tiles_of
 from vpfx.vpf.reference import crs_of
 
 __all__ = ["LayerSummary", "Written", "write_gpkg"]
@@ -152,7 +152,7 @@ def _layers(
         for key, found in classes.items():
             yield _free(f"{start}_{key}", taken), coverage, found.kind, partial(read_class, coverage, found)
         for primitive in PRIMITIVES if primitives else ():
-            if tiles_of(coverage, primitive):
+            if has_faces(coverage) if primitive == "fac" else tiles_of(coverage, primitive):
                 name = _free(f"{start}_{primitive}", taken)
                 yield name, coverage, KINDS[primitive], partial(read_primitives, coverage, primitive)
 

@@ -73,9 +73,9 @@ def _of_one_dimension(owner: Ids, parts: Geometries) -> Geometries:
 
 def _joined(index: Ids, parts: Geometries, kind: str) -> Geometries:
     """Points or lines of each feature, equal ones once."""
-    keys: list[Any] = shapely.to_wkb(shapely.normalize(parts)).tolist()
-    places = {key: i for i, key in reversed(list(enumerate(zip(index.tolist(), keys, strict=True))))}
-    kept = np.sort(np.fromiter(places.values(), np.int64, len(places)))
+    _, shape = np.unique(shapely.to_wkb(shapely.normalize(parts)), return_inverse=True)
+    _, first = np.unique(np.stack([index, shape.ravel()]), axis=1, return_index=True)
+    kept = np.sort(first)
     index, parts = index[kept], parts[kept]
     if kind == "L":
         return shapely.line_merge(shapely.multilinestrings(parts, indices=index))

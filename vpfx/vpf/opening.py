@@ -73,12 +73,12 @@ def open_coverages(path: Path | str) -> Opened:
     if not any(find(root, name) for name in MARKS[:2]):
         return Opened((_lone_coverage(root),), ())
     database = open_database(root)
-    problems = _absent(f"{database.path}: libraries of lat", database.missing)
+    problems = _missing(f"{database.path}: libraries of lat", database.missing)
     coverages: list[Coverage] = []
     for library in database.libraries.values():
         try:
             coverages += library.coverages.values()
-            problems += _absent(f"{library.path}: coverages of cat", library.missing)
+            problems += _missing(f"{library.path}: coverages of cat", library.missing)
         except NotFoundError as error:
             problems.append(str(error))
     return Opened(tuple(coverages), tuple(problems))
@@ -95,9 +95,9 @@ def is_vpf(path: Path | str) -> bool:
     return any(find(path, name) for name in MARKS) or bool(_feature_tables(Path(path)))
 
 
-def _absent(what: str, names: Sequence[str]) -> list[str]:
+def _missing(what: str, names: Sequence[str]) -> list[str]:
     """One line on what is not there; none if all is."""
-    return [f"{what} are not there: {', '.join(names)}"] if names else []
+    return [f"{what} are missing: {', '.join(names)}"] if names else []
 
 
 def _lone_coverage(root: Path) -> Coverage:

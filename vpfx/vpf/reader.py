@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
+import shapely
 from numpy.typing import NDArray
 
 from vpfx.errors import NotFoundError, VpfFormatError
@@ -23,14 +24,15 @@ from vpfx.vpf.decode import Field, decode_fields, text_field
 from vpfx.vpf.geometry import edge_lines, face_polygons, find_rows, ids_of, node_points, text_places
 from vpfx.vpf.merge import merge_parts
 from vpfx.vpf.paths import find
-from vpfx.vpf.table import Table, read_table
+from vpfx.vpf.table import Table, open_table, read_table
 
-__all__ = ["FeatureRows", "class_tables", "read_class", "read_primitives", "tiles_of"]
+__all__ = ["FeatureRows", "class_tables", "has_faces", "read_class", "read_primitives", "tiles_of"]
 
 Geometries = NDArray[np.object_]
 Ids = NDArray[np.int64]
 
 MOST_SHOWN = 5  # numbers in one message
+MENDED = "faces were joined without the links of edges, which are wrong"
 
 
 class FeatureRows(NamedTuple):
@@ -121,7 +123,7 @@ def _references(
         own = ids_of(table, "id") if "id" in table else rows + 1
         features = ids_of(source, found.join.feature_key)
         rows = find_rows(own, features)
-        problems = _told(where, f"rows of {found.join.table} name features that are not there", features[rows < 0])
+        problems = _told(where, f"rows of {found.join.table} name features that are missing", features[rows < 0])
     elif key.lower() == "id" and f"{found.primitive}_id" in table:
         key = f"{found.primitive}_id"
     primitive = ids_of(source, key)
@@ -146,22 +148,25 @@ def _read_parts(coverage: Coverage, primitive: str, references: _References, whe
     geometry: Geometries = np.full(n, None, object)
     texts: NDArray[np.object_] = np.full(n, None, object)
     problems: list[str] = []
-    absent: list[int] = []
+    missing: list[int] = []
     for tile in np.unique(references.tile).tolist():
         asked = np.flatnonzero(references.tile == tile)
         try:
             part = _read_tile(coverage, primitive, tile, references.primitive[asked], where)
-        except NotFoundError:
-            absent.append(tile)
+        except NotFoundError as error:
+            if tile:
+                missing.append(tile)
+            else:
+                problems.append(str(error))
             continue
         except VpfFormatError as error:
             problems.append(str(error))
             continue
         geometry[asked], texts[asked] = part.geometry, part.texts
         problems += part.problems
-    is_absent = np.isin(references.tile, absent)
-    what = f"primitives of {primitive} lie in tiles that are not there"
-    problems += _told(where, what, references.tile[is_absent], "tiles ")
+    is_missing = np.isin(references.tile, missing)
+    what = f"primitives of {primitive} lie in tiles that are missing"
+    problems += _told(where, what, references.tile[is_missing], "tiles ")
     return _Parts(geometry, texts, tuple(problems))
 
 
@@ -182,8 +187,7 @@ def _read_tile(coverage: Coverage, primitive: str, tile: int, ids: Ids, where: s
     if primitive == "fac":
         faces = face_polygons(table, np.unique(ids))
         known, shapes = faces.ids, faces.polygons
-        problems += _told(place, "faces were joined without the links of edges, which are wrong",
-                          np.intersect1d(faces.mended, ids))  # fmt: skip
+        problems += _told(place, MENDED, np.intersect1d(faces.mended, ids))
     else:
         known = ids_of(table, "id") if "id" in table else np.arange(1, table.n_row + 1)
         if primitive == "txt":
@@ -195,8 +199,8 @@ def _read_tile(coverage: Coverage, primitive: str, tile: int, ids: Ids, where: s
     geometry[at >= 0] = shapes[at[at >= 0]]
     if primitive == "txt":
         texts[at >= 0] = np.array([*strings, None], object)[at[at >= 0]]
-    is_lost = np.array([shape is None for shape in geometry], bool)
-    problems += _told(place, f"primitives of {primitive} are not there, or have no shape", ids[is_lost])
+    is_lost = shapely.is_missing(geometry)
+    problems += _told(place, f"primitives of {primitive} are missing, or have no shape", ids[is_lost])
     return _Parts(geometry, texts, problems)
 
 
@@ -227,6 +231,14 @@ def tiles_of(coverage: Coverage, primitive: str) -> list[int]:
     return [tile for tile in (0, *sorted(coverage.library.tiles)) if coverage.find(name, tile) is not None]
 
 
+def has_faces(coverage: Coverage) -> bool:
+    """Tell whether edges of a coverage name faces: its topology level is 3."""
+    for tile in tiles_of(coverage, "fac"):
+        with suppress(VpfFormatError), open_table(_path_of(coverage, "fac", tile)) as file:
+            return any(column.name.lower() == "right_face" for column in file.layout.columns)
+    return False
+
+
 def read_primitives(coverage: Coverage, primitive: str) -> FeatureRows:
     """Read all primitives of one kind of a coverage.
 
@@ -244,29 +256,38 @@ def read_primitives(coverage: Coverage, primitive: str) -> FeatureRows:
     Raises
     ------
     VpfFormatError
-        A table is broken, or edges have no faces.
+        A name leads elsewhere. What is broken in a tile, or lacks, is told by `problems`.
     """
     tables: list[dict[str, Field]] = []
     shapes: list[Geometries] = []
     problems: list[str] = []
     for tile in tiles_of(coverage, primitive):
-        table = read_table(_path_of(coverage, primitive, tile))
-        if primitive == "fac":
-            faces = face_polygons(table)
-            known: dict[str, Field] = {"id": Field(faces.ids, np.zeros(len(faces.ids), bool))}
-            place = f"{coverage.path}: tile {tile}" if tile else str(coverage.path)
-            problems += _told(place, "faces were joined without the links of edges, which are wrong", faces.mended)
-            problems += _told(place, "faces have edges that do not close up", faces.lost)
-            geometry = faces.polygons
-        else:
-            known = decode_fields(table, without=("coordinate", "coordinates", "shape_line"))
-            geometry = {"edg": edge_lines, "txt": lambda table: text_places(table)[1]}.get(primitive, node_points)(
-                table
-            )
+        try:
+            fields, geometry, told = _primitives_of_tile(coverage, primitive, tile)
+        except VpfFormatError as error:
+            problems.append(str(error))
+            continue
         tiles = np.full(len(geometry), tile, np.int32)
-        tables.append(known | {"tile_id": Field(tiles, np.zeros(len(tiles), bool))})
+        tables.append(fields | {"tile_id": Field(tiles, np.zeros(len(tiles), bool))})
         shapes.append(geometry)
+        problems += told
     return FeatureRows(_stacked(tables), np.concatenate([np.empty(0, object), *shapes]), tuple(problems))
+
+
+def _primitives_of_tile(
+    coverage: Coverage, primitive: str, tile: int
+) -> tuple[dict[str, Field], Geometries, tuple[str, ...]]:
+    """Fields and geometries of all primitives of a tile, and what was wrong."""
+    table = read_table(_path_of(coverage, primitive, tile))
+    if primitive != "fac":
+        fields = decode_fields(table, without=("coordinate", "coordinates", "shape_line"))
+        if primitive == "txt":
+            return fields, text_places(table)[1], ()
+        return fields, edge_lines(table) if primitive == "edg" else node_points(table), ()
+    faces = face_polygons(table)
+    place = f"{coverage.path}: tile {tile}" if tile else str(coverage.path)
+    problems = _told(place, MENDED, faces.mended) + _told(place, "faces have edges that do not close up", faces.lost)
+    return {"id": Field(faces.ids, np.zeros(len(faces.ids), bool))}, faces.polygons, problems
 
 
 def _stacked(tables: list[dict[str, Field]]) -> dict[str, Field]:
