@@ -6,8 +6,11 @@ from collections.abc import Iterable, Iterator
 
 from vpfx.validate.run import Stage
 from vpfx.validate.vpf.borders import Borders
+from vpfx.validate.vpf.evpf_borders import add_border
+from vpfx.validate.vpf.evpf_tiles import add_sums
 from vpfx.validate.vpf.features import ClassData
 from vpfx.validate.vpf.folders import TableData
+from vpfx.validate.vpf.hierarchy import EvpfData
 from vpfx.validate.vpf.names import FolderData, database_folder, library_folder
 from vpfx.validate.vpf.parts import CoverageData, LibraryData, Target
 from vpfx.validate.vpf.scan import ScannedTable
@@ -42,6 +45,9 @@ def _library_stages(library: LibraryData) -> Iterator[Stage]:
         yield Stage("library", LibraryTiles(library), (library.tileref.folder.where,))
     for name in library.coverage_paths:
         yield from _coverage_stages(library.coverage(name))
+    evpf = EvpfData.find(library)
+    if evpf is not None:
+        yield from _evpf_stages(evpf)
 
 
 def _coverage_stages(coverage: CoverageData) -> Iterator[Stage]:
@@ -67,3 +73,15 @@ def _coverage_stages(coverage: CoverageData) -> Iterator[Stage]:
         data = ClassData(coverage, feature_class)
         yield Stage("class", data, data.keys)
     yield Stage("lookups", coverage, tuple(table.where for table in coverage.folder.tables.values()))
+
+
+def _evpf_stages(evpf: EvpfData) -> Iterator[Stage]:
+    """Yield the levels of a TIN: as a whole, then tile by tile from coarse to fine, then level by level."""
+    yield Stage("evpf", evpf, (evpf.library.folder.where or ".",))
+    for tile in evpf.tiles():
+        yield Stage("evpf tile", tile, tile.keys)
+        if tile.is_sound:
+            add_border(tile, tile.level.borders)
+            add_sums(tile)
+    for level in evpf.levels:
+        yield Stage("evpf level", level, (level.where,))
