@@ -21,10 +21,8 @@ from vpfx.store.writer import FORMAT_VERSION
 ROOT = Path(__file__).resolve().parents[1]
 FIXTURES = ROOT / "fixtures" / "dem"
 NUMBER = re.compile(r"\b[EMQRV]-\d{3}\b")
-PAGES = {
-    kind: ROOT / "specs" / f"{name}.md"
-    for kind, name in (("R", "format"), ("M", "methods"), ("Q", "query"), ("V", "vpf"), ("E", "evpf"))
-}
+NAMES = {"R": "format", "M": "methods", "Q": "query", "V": "vpf", "E": "evpf"}
+PAGES = {kind: ROOT / "specs" / f"{name}.md" for kind, name in NAMES.items()}
 CITING = [
     *sorted(path for folder in ("vpfx", "tests", "bench") for path in (ROOT / folder).rglob("*.py")),
     *sorted((ROOT / "schema").glob("*.sql")),
@@ -60,6 +58,12 @@ def test_worked_values_are_right(worked):
     """Every worked value of the page comes out of the code; what differs is printed."""
     _, result = worked
     assert result.attempted > 50
+    assert result.failed == 0
+
+
+def test_worked_values_of_vpf_are_right():
+    result = doctest.testfile(str(PAGES["V"]), module_relative=False, encoding="utf-8")
+    assert result.attempted > 8
     assert result.failed == 0
 
 

@@ -125,6 +125,13 @@ def test_tables_of_one_length_ignore_indexes(tmp_path):
     assert read_table(tmp_path / "rng")["id"].tolist() == [1, 2]
 
 
+@pytest.mark.parametrize("layout", [TEXTS, Layout("Rings", (ID,))])
+def test_no_table_has_the_name_of_an_index(tmp_path, layout):
+    with pytest.raises(InputError, match="'rnx': found no index name for it"):
+        TableWriter(tmp_path / "rnx", layout)
+    assert names_in(tmp_path) == []
+
+
 def test_what_is_no_file_is_not_found(tmp_path):
     for path in (tmp_path, tmp_path / "edg"):
         with pytest.raises(NotFoundError, match="a name: found no file, expected a table"):

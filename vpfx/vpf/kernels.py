@@ -140,7 +140,7 @@ def take_bytes(data, at, out):
 
 
 @njit(nogil=True, cache=True)
-def take_counts(data, at, ends, size, is_big, starts):
+def take_counts(data, at, ends, is_big, size, starts):
     """Take counts of elements of so many bytes; add them up in `starts` (n_row + 1,); return the first bad row or -1."""
     starts[0] = 0
     for i in range(len(at)):

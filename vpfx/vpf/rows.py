@@ -8,7 +8,7 @@ Source: specs/vpf.md, V-110 to V-120.
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -110,9 +110,15 @@ def scan_steps(layout: Layout) -> NDArray[np.int64]:
 
 
 def decode_rows(
-    layout: Layout, data: NDArray[np.uint8], bounds: NDArray[np.int64], path: str, first: int = 0
-) -> dict[str, Any]:
-    """Return the columns of rows of different lengths.
+    layout: Layout,
+    data: NDArray[np.uint8],
+    bounds: NDArray[np.int64],
+    columns: dict[str, Any],
+    *,
+    path: str,
+    first: int,
+) -> None:
+    """Take rows of different lengths apart.
 
     Parameters
     ----------
@@ -122,9 +128,11 @@ def decode_rows(
         Bytes of the rows.
     bounds : int64 (n_row + 1,)
         Where rows start in them, and where the last ends.
+    columns : dict
+        Room for each column that is no Ragged, filled here; Raggeds are put beside it.
     path : str
         The file, for messages.
-    first : int, optional
+    first : int
         Number of rows before these, for messages.
 
     Raises
@@ -133,64 +141,65 @@ def decode_rows(
         The values of a row do not end where the row does; the message names it (V-120).
     """
     at, ends = bounds[:-1].copy(), bounds[1:]
-    columns: dict[str, Any] = {}
+    rows = _Rows(data, at, ends, layout.order == ">")
     for column in layout.columns:
-        values, bad = _take_column(column, data, at, ends, layout.order == ">")
+        if column.count == COUNTED:
+            columns[column.name.lower()], bad = _take_ragged(column, rows)
+        else:
+            bad = _take_array(column, rows, columns[column.name.lower()])
         if bad >= 0:
             where = f"row {first + bad + 1}: column {column.name!r}"
             found = f"found a value that runs over the end of its row, at byte {ends[bad] - bounds[bad]} of it"
             raise VpfFormatError(path, where, f"{found}, expected it to end before{_HINT}", "V-120")
-        columns[column.name.lower()] = values
     wrong = np.flatnonzero(at != ends)
     if len(wrong):
         row = int(wrong[0])
         message = f"found values of {at[row] - bounds[row]} bytes in a row of {ends[row] - bounds[row]}"
         raise VpfFormatError(path, f"row {first + row + 1}", f"{message}, expected as many{_HINT}", "V-120")
-    return columns
 
 
-def join_columns(parts: list[dict[str, Any]]) -> dict[str, Any]:
-    """Return the columns of parts of a table, one behind the other."""
+class _Rows(NamedTuple):
+    """Rows that are taken apart, column by column."""
+
+    data: NDArray[np.uint8]  # (n_byte,)
+    at: NDArray[np.int64]  # (n_row,), the place of the next column in each row; moves on
+    ends: NDArray[np.int64]  # (n_row,)
+    is_big: bool
+
+
+def _take_array(column: Column, rows: _Rows, values: NDArray[Any]) -> int:
+    """Fill a column; move on; return the first row that is too short, or -1."""
+    if column.kind == "K":
+        return kernels.take_triplets(*rows, values)
+    short = np.flatnonzero(rows.at + column.size > rows.ends)
+    if len(short):
+        return int(short[0])
+    if column.kind != "X":
+        kernels.take_bytes(rows.data, rows.at, _as_bytes(values, column.size))
+        _swap(values, rows.is_big)
+        np.add(rows.at, column.size, out=rows.at)
+    return -1
+
+
+def _take_ragged(column: Column, rows: _Rows) -> tuple[Ragged, int]:
+    """Return a column whose rows say how much they have, and the first row that is too short, or -1."""
+    size, starts = KINDS[column.kind].size, np.zeros(len(rows.at) + 1, np.int64)
+    bad = kernels.take_counts(*rows, size, starts)
+    values = np.empty(starts[-1] if bad < 0 else 0, element_type(column))
+    if bad < 0:
+        kernels.take_runs(rows.data, rows.at, starts, size, _as_bytes(values, size).reshape(-1))
+        _swap(values, rows.is_big)
+        np.add(rows.at, 4 + size * np.diff(starts), out=rows.at)
+    return Ragged(starts, values), bad
+
+
+def join_ragged(column: Column, parts: list[Ragged]) -> Ragged:
+    """Return parts of a column, one behind the other."""
     if len(parts) == 1:
         return parts[0]
-    columns: dict[str, Any] = {}
-    for name in parts[0]:
-        values = [part[name] for part in parts]
-        if isinstance(values[0], Ragged):
-            counts = np.concatenate([[0], *(part.counts for part in values)])
-            columns[name] = Ragged(np.cumsum(counts), np.concatenate([part.values for part in values]))
-        else:
-            columns[name] = np.concatenate(values)
-    return columns
-
-
-def _take_column(
-    column: Column, data: NDArray[np.uint8], at: NDArray[np.int64], ends: NDArray[np.int64], is_big: bool
-) -> tuple[Any, int]:
-    """Return the values of a column and the first row that is too short or -1; move all places behind the values."""
-    n_row = len(at)
-    if column.kind == "X":
-        return empty_column(column, n_row), -1
-    kind = element_type(column)
-    if column.kind == "K":
-        triplets = np.empty(n_row, kind)
-        return triplets, kernels.take_triplets(data, at, ends, is_big, triplets)
-    if column.count == COUNTED:
-        size, starts = KINDS[column.kind].size, np.zeros(n_row + 1, np.int64)
-        bad = kernels.take_counts(data, at, ends, size, is_big, starts)
-        if bad >= 0:
-            return None, bad
-        values = np.empty(starts[-1], kind)
-        kernels.take_runs(data, at, starts, size, _as_bytes(values, size).reshape(-1))
-        at += 4 + size * np.diff(starts)
-        return Ragged(starts, _swapped(values, is_big)), -1
-    short = np.flatnonzero(at + column.size > ends)
-    if len(short):
-        return None, int(short[0])
-    values = empty_column(column, n_row)
-    kernels.take_bytes(data, at, _as_bytes(values, column.size))
-    at += column.size
-    return _swapped(values, is_big), -1
+    counts = np.concatenate([np.zeros(1, np.int64), *(part.counts for part in parts)])
+    nothing = np.empty(0, element_type(column))
+    return Ragged(np.cumsum(counts), np.concatenate([nothing, *(part.values for part in parts)]))
 
 
 def _as_bytes(values: NDArray[Any], size: int) -> NDArray[np.uint8]:
@@ -198,10 +207,11 @@ def _as_bytes(values: NDArray[Any], size: int) -> NDArray[np.uint8]:
     return values.reshape(-1).view(np.uint8).reshape(len(values), size)
 
 
-def _swapped(values: NDArray[Any], is_big: bool) -> NDArray[Any]:
-    """Return values with their bytes in the other order, in their place, if that is not the processor's."""
-    is_swapped = values.dtype.kind != "S" and np.dtype(">i4").isnative != is_big
-    return values.byteswap(inplace=True) if is_swapped else values
+def _swap(values: NDArray[Any], is_big: bool) -> NDArray[Any]:
+    """Put the bytes of values in the other order, if that is not the processor's; return them."""
+    if values.dtype.kind != "S" and np.dtype(">i4").isnative != is_big:
+        values.byteswap(inplace=True)
+    return values
 
 
 def row_sizes(layout: Layout, columns: Columns, n_row: int) -> NDArray[np.int64]:
@@ -234,10 +244,10 @@ def encode_rows(layout: Layout, columns: Columns, bounds: NDArray[np.int64]) -> 
         if column.kind == "K":
             kernels.put_triplets(data, at, is_big, values)
         elif column.count == COUNTED:
-            size, runs = KINDS[column.kind].size, _swapped(values.values.copy(), is_big)
+            size, runs = KINDS[column.kind].size, _swap(values.values.copy(), is_big)
             kernels.put_runs(data, at, is_big, values.starts, size, _as_bytes(runs, size).reshape(-1))
             at += 4 + size * values.counts
         elif column.kind != "X":
-            kernels.put_bytes(data, at, _as_bytes(_swapped(values.copy(), is_big), column.size))
+            kernels.put_bytes(data, at, _as_bytes(_swap(values.copy(), is_big), column.size))
             at += column.size
     return data

@@ -21,14 +21,14 @@ from numpy.typing import NDArray
 from vpfx.checks import whole_number
 from vpfx.errors import NotFoundError, VpfFormatError
 from vpfx.vpf import kernels
-from vpfx.vpf.header import Column, Layout, header_size, parse_header
+from vpfx.vpf.header import COUNTED, Column, Layout, header_size, parse_header
 from vpfx.vpf.index_file import IndexFile, find_index, index_name
 from vpfx.vpf.rows import (
     decode_rows,
     empty_column,
     iter_blocks,
     iter_uneven_blocks,
-    join_columns,
+    join_ragged,
     record_type,
     scan_steps,
     step_of,
@@ -198,17 +198,20 @@ class TableFile:
             assert self._index is not None
             bounds = self._index.bounds(start, stop)
         self._file.seek(int(bounds[0]))
-        parts = [
-            self._read_part(bounds[rows.start : rows.stop + 1], start + rows.start)
-            for rows in iter_uneven_blocks(bounds)
-        ]
-        return join_columns(parts or [decode_rows(self.layout, np.empty(0, np.uint8), bounds, self.path)])
-
-    def _read_part(self, bounds: NDArray[np.int64], first: int) -> dict[str, Any]:
-        """Return the columns of rows that lie between some bounds, where the file stands."""
-        data = np.empty(int(bounds[-1] - bounds[0]), np.uint8)
-        self._fill(data)
-        return decode_rows(self.layout, data, bounds - bounds[0], self.path, first)
+        arrays = {c.name.lower(): empty_column(c, stop - start) for c in self.layout.columns if c.count != COUNTED}
+        parts = []
+        for rows in iter_uneven_blocks(bounds):
+            part: dict[str, Any] = {name: values[rows] for name, values in arrays.items()}
+            places = bounds[rows.start : rows.stop + 1]
+            data = np.empty(int(places[-1] - places[0]), np.uint8)
+            self._fill(data)
+            decode_rows(self.layout, data, places - places[0], part, path=self.path, first=start + rows.start)
+            parts.append(part)
+        names = {column.name.lower(): column for column in self.layout.columns}
+        return {
+            name: arrays[name] if name in arrays else join_ragged(column, [part[name] for part in parts])
+            for name, column in names.items()
+        }
 
     def _fill(self, data: NDArray[np.uint8]) -> None:
         """Read bytes from where the file stands."""

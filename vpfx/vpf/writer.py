@@ -114,14 +114,16 @@ class TableWriter:
     def __init__(self, path: Path | str, layout: Layout) -> None:
         self.path = Path(path)
         check_layout(layout, str(path))
-        names = index_names(self.path.name) if layout.is_variable else []
-        self._targets = [self.path, *(self.path.with_name(name) for name in names)]
+        names = index_names(self.path.name)  # refuses names of index files for any table
+        self._targets = [self.path]
+        if layout.is_variable:
+            self._targets += [self.path.with_name(name) for name in names]
         self._files: list[BinaryIO] = []
         self._is_open = True
         try:
             for target in self._targets[:2]:
                 self._files.append(open(_temporary(target), "w+b"))  # noqa: SIM115  # closed in `close`
-            self._rows = _Rows(layout, self._files[0], self._files[1] if names else None, str(path))
+            self._rows = _Rows(layout, self._files[0], self._files[1] if layout.is_variable else None, str(path))
         except OSError as error:
             self._discard()
             raise StoreError(f"{path}: cannot be written: {error.strerror}") from error
