@@ -9,9 +9,9 @@ from numpy.typing import NDArray
 
 from vpfx.validate.report import ERROR, Defects, Rule, some
 from vpfx.validate.vpf.evpf_tiles import TILE
-from vpfx.validate.vpf.hierarchy import EvpfTile
+from vpfx.validate.vpf.hierarchy import EvpfData, EvpfTile
 
-__all__ = ["RULES", "border_lines"]
+__all__ = ["RULES", "border_lines", "face_shapes", "spacing_of"]
 
 Ids = NDArray[np.int64]
 Floats = NDArray[np.float64]
@@ -48,7 +48,7 @@ def check_links(tile: EvpfTile) -> Iterator[Defects]:
         )  # type: ignore[misc]
 
 
-def _shape(tile: EvpfTile) -> tuple[Floats, Floats, Floats]:
+def face_shapes(tile: EvpfTile) -> tuple[Floats, Floats, Floats]:
     """Corners of the faces, float64 (n_face, 3, 2), from the first node of the tile; areas and perimeters."""
     places = tile.tile.node_places
     assert places is not None
@@ -60,13 +60,13 @@ def _shape(tile: EvpfTile) -> tuple[Floats, Floats, Floats]:
     return corners, area, np.hypot(sides[..., 0], sides[..., 1]).sum(axis=1)
 
 
-def _spacing(tile: EvpfTile) -> float:
+def spacing_of(data: EvpfData) -> float:
     """Spacing of numbers, as coordinates are written, at the greatest of the extent."""
-    lattice = tile.level.evpf.lattice
+    lattice = data.lattice
     assert lattice is not None
     ends = (lattice.x0, lattice.x0 + lattice.dx * lattice.n_col, lattice.y0, lattice.y0 + lattice.dy * lattice.n_row)
     greatest = max(abs(number) for number in ends)
-    return float(np.spacing(greatest if tile.level.evpf.is_double else np.float32(greatest)))
+    return float(np.spacing(greatest if data.is_double else np.float32(greatest)))
 
 
 def check_nesting(tile: EvpfTile) -> Iterator[Defects]:
@@ -76,9 +76,9 @@ def check_nesting(tile: EvpfTile) -> Iterator[Defects]:
     if older is None or rows is None or not (tile.has_three_corners and older.has_three_corners):
         return
     child, parent = tile.column(name, "child_id") - 2, tile.column(name, "parent_id") - 2
-    corners, area, perimeter = _shape(tile)
-    older_corners, older_area, older_perimeter = _shape(older)
-    ulp = _spacing(tile)
+    corners, area, perimeter = face_shapes(tile)
+    older_corners, older_area, older_perimeter = face_shapes(older)
+    ulp = spacing_of(tile.level.evpf)
     if not tile.level.evpf.is_nested:
         shared, limit = rows["area"], SHARED_AREA
         sums = [(tile, child, area, perimeter, shared), (older, parent, older_area, older_perimeter, shared)]
