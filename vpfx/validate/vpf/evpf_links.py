@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 
 import numpy as np
 from numpy.typing import NDArray
@@ -43,9 +43,11 @@ def check_links(tile: EvpfTile) -> Iterator[Defects]:
     for n_face, ids, what, own in ((tile.n_face, child, "parent", tile), (older.n_face, parent, "child", older)):
         lost = np.setdiff1d(np.arange(2, n_face + 2), ids)
         place = own.tile.place("fac")
-        yield from some(
-            lost, lambda i, what=what, place=place: (where, f"found no {what} of row {i} of {place}, expected one")
-        )  # type: ignore[misc]
+        yield from some(lost, _describe_lost(where, what, place))
+
+
+def _describe_lost(where: str, what: str, place: str) -> Callable[[int], tuple[str, str]]:
+    return lambda i: (where, f"found no {what} of row {i} of {place}, expected one")
 
 
 def face_shapes(tile: EvpfTile) -> tuple[Floats, Floats, Floats]:
@@ -91,13 +93,13 @@ def check_nesting(tile: EvpfTile) -> Iterator[Defects]:
         if len(wrong):
             return
     for own, face, expected, around, part in sums:
-        found = np.bincount(face, part, minlength=len(expected))
+        found = np.bincount(face, part, minlength=len(expected)).astype(np.float64)
         far = np.flatnonzero(~(np.abs(found - expected) <= limit * expected + SLIVERS * around * ulp))
         where = own.tile.place("fac")
         yield from some(far, _describe_area(where, found, expected))
 
 
-def _describe_area(where: str, found: Floats, expected: Floats):  # type: ignore[no-untyped-def]
+def _describe_area(where: str, found: Floats, expected: Floats) -> Callable[[int], tuple[str, str]]:
     message = "found {:.12g} as the area of what it is linked to, expected {:.12g}".format
     return lambda i: (f"{where} row={i + 2}", message(found[i], expected[i]))
 

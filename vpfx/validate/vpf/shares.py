@@ -55,7 +55,7 @@ def _summed(parts: Sequence[Pairs]) -> Pairs:
     if not len(face):
         return Pairs.none()
     both, pair = np.unique(np.column_stack([face, feature]), axis=0, return_inverse=True)
-    return Pairs(both[:, 0], both[:, 1], np.bincount(pair.ravel(), share))
+    return Pairs(both[:, 0], both[:, 1], np.bincount(pair.ravel(), share).astype(np.float64))
 
 
 def _over(links: Step, pairs: Pairs, n_from: int, *, down: bool) -> Pairs:
@@ -108,7 +108,7 @@ def inherited(
     for level in range(len(counts) - 2, -1, -1):  # upwards: areas, what nobody below owns, what somebody does
         step, count = steps[level], counts[level]
         carried = [
-            np.bincount(step.parent, part[step.child] * step.part, minlength=count)
+            np.bincount(step.parent, part[step.child] * step.part, minlength=count).astype(np.float64)
             for part in (total[0], blurs[0], free[0])
         ]
         below = _over(step, owned[0], counts[level + 1], down=False)
@@ -121,7 +121,8 @@ def inherited(
         if level:
             step = steps[level - 1]
             above = _over(step, above, counts[level - 1], down=True)
-            above = Pairs(*(column[~has_own[level][above.face]] for column in above))
+            kept = ~has_own[level][above.face]
+            above = Pairs(above.face[kept], above.feature[kept], above.share[kept])
         pairs = _summed([owned[level], _scaled(above, free[level])])
         with np.errstate(invalid="ignore", divide="ignore"):
             found.append((_scaled(pairs, 1.0 / total[level]), blurs[level] / total[level]))
