@@ -2,16 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 
 import numpy as np
 from numpy.typing import NDArray
 
 from vpfx.validate.report import ERROR, Defects, Rule, some
 from vpfx.validate.vpf.evpf_tiles import TILE
-from vpfx.validate.vpf.hierarchy import EvpfTile
+from vpfx.validate.vpf.hierarchy import EvpfData, EvpfTile
 
-__all__ = ["RULES", "border_lines"]
+__all__ = ["RULES", "border_lines", "face_shapes", "spacing_of"]
 
 Ids = NDArray[np.int64]
 Floats = NDArray[np.float64]
@@ -43,12 +43,14 @@ def check_links(tile: EvpfTile) -> Iterator[Defects]:
     for n_face, ids, what, own in ((tile.n_face, child, "parent", tile), (older.n_face, parent, "child", older)):
         lost = np.setdiff1d(np.arange(2, n_face + 2), ids)
         place = own.tile.place("fac")
-        yield from some(
-            lost, lambda i, what=what, place=place: (where, f"found no {what} of row {i} of {place}, expected one")
-        )  # type: ignore[misc]
+        yield from some(lost, _describe_lost(where, what, place))
 
 
-def _shape(tile: EvpfTile) -> tuple[Floats, Floats, Floats]:
+def _describe_lost(where: str, what: str, place: str) -> Callable[[int], tuple[str, str]]:
+    return lambda i: (where, f"found no {what} of row {i} of {place}, expected one")
+
+
+def face_shapes(tile: EvpfTile) -> tuple[Floats, Floats, Floats]:
     """Corners of the faces, float64 (n_face, 3, 2), from the first node of the tile; areas and perimeters."""
     places = tile.tile.node_places
     assert places is not None
@@ -60,13 +62,13 @@ def _shape(tile: EvpfTile) -> tuple[Floats, Floats, Floats]:
     return corners, area, np.hypot(sides[..., 0], sides[..., 1]).sum(axis=1)
 
 
-def _spacing(tile: EvpfTile) -> float:
+def spacing_of(data: EvpfData) -> float:
     """Spacing of numbers, as coordinates are written, at the greatest of the extent."""
-    lattice = tile.level.evpf.lattice
+    lattice = data.lattice
     assert lattice is not None
     ends = (lattice.x0, lattice.x0 + lattice.dx * lattice.n_col, lattice.y0, lattice.y0 + lattice.dy * lattice.n_row)
     greatest = max(abs(number) for number in ends)
-    return float(np.spacing(greatest if tile.level.evpf.is_double else np.float32(greatest)))
+    return float(np.spacing(greatest if data.is_double else np.float32(greatest)))
 
 
 def check_nesting(tile: EvpfTile) -> Iterator[Defects]:
@@ -76,9 +78,9 @@ def check_nesting(tile: EvpfTile) -> Iterator[Defects]:
     if older is None or rows is None or not (tile.has_three_corners and older.has_three_corners):
         return
     child, parent = tile.column(name, "child_id") - 2, tile.column(name, "parent_id") - 2
-    corners, area, perimeter = _shape(tile)
-    older_corners, older_area, older_perimeter = _shape(older)
-    ulp = _spacing(tile)
+    corners, area, perimeter = face_shapes(tile)
+    older_corners, older_area, older_perimeter = face_shapes(older)
+    ulp = spacing_of(tile.level.evpf)
     if not tile.level.evpf.is_nested:
         shared, limit = rows["area"], SHARED_AREA
         sums = [(tile, child, area, perimeter, shared), (older, parent, older_area, older_perimeter, shared)]
@@ -91,13 +93,13 @@ def check_nesting(tile: EvpfTile) -> Iterator[Defects]:
         if len(wrong):
             return
     for own, face, expected, around, part in sums:
-        found = np.bincount(face, part, minlength=len(expected))
+        found = np.bincount(face, part, minlength=len(expected)).astype(np.float64)
         far = np.flatnonzero(~(np.abs(found - expected) <= limit * expected + SLIVERS * around * ulp))
         where = own.tile.place("fac")
         yield from some(far, _describe_area(where, found, expected))
 
 
-def _describe_area(where: str, found: Floats, expected: Floats):  # type: ignore[no-untyped-def]
+def _describe_area(where: str, found: Floats, expected: Floats) -> Callable[[int], tuple[str, str]]:
     message = "found {:.12g} as the area of what it is linked to, expected {:.12g}".format
     return lambda i: (f"{where} row={i + 2}", message(found[i], expected[i]))
 

@@ -10,6 +10,7 @@ import numpy as np
 from vpfx.validate.report import NOTE, WARNING, Defects, Rule, one
 from vpfx.validate.vpf.folders import TableData
 from vpfx.validate.vpf.names import INDEX_FILE, FolderData
+from vpfx.validate.vpf.parts import CoverageData
 from vpfx.validate.vpf.scan import ScannedTable
 from vpfx.validate.vpf.tile import TileData
 from vpfx.validate.vpf.tiling import all_places, library_box
@@ -73,18 +74,15 @@ def check_companions(data: FolderData) -> Iterator[Defects]:
     )
 
 
-def check_double(data: FolderData) -> Iterator[Defects]:
-    """Coordinates in single precision."""
-    names = [
-        table.name
-        for table in _heads(data)
-        if table.name in PRIMITIVES
-        and table.head is not None
-        and any(c.kind in DOUBLE for c in table.head.layout.columns)
-    ]
-    yield from _some(
-        data, names, "with coordinates in double precision", "single precision, where OpenMap is to draw it"
-    )
+def check_double(coverage: CoverageData) -> Iterator[Defects]:
+    """Coordinates in single precision; the first tile tells."""
+    folder = coverage.tile_folder(coverage.tile_ids[0]) if coverage.tile_ids else None
+    for name in PRIMITIVES if folder is not None else ():
+        table = folder.table(name) if folder is not None else None
+        if table is not None and table.head is not None and any(c.kind in DOUBLE for c in table.head.layout.columns):
+            message = "found coordinates in double precision, expected single precision, where OpenMap is to draw it"
+            yield one(f"table={table.where}", message)
+            return
 
 
 def check_plain_links(data: FolderData) -> Iterator[Defects]:
@@ -173,7 +171,8 @@ RULES = (
     Rule("V761", "name_case", WARNING, "V-201", "a name is not in lower case", check_case, "folder"),
     Rule("V762", "companions", WARNING, "V-132", "a file that readers look for beside a table is not there", check_companions,
          "folder"),
-    Rule("V763", "double_coordinates", NOTE, "V-254", "coordinates are in double precision", check_double, "folder"),
+    Rule("V763", "double_coordinates", NOTE, "V-254", "coordinates are in double precision", check_double,
+         "coverage"),
     Rule("V764", "library_margin", WARNING, "V-251", "something touches the outline of its library", check_margin, "tile",
          needs=("table_rows", "edge_places", "library_extent")),
     Rule("V765", "reader_types", WARNING, "V-256", "a column has a type that GDAL does not look at", check_types, "table",

@@ -7,6 +7,7 @@ from collections.abc import Iterable, Iterator
 from vpfx.validate.run import Stage
 from vpfx.validate.vpf.borders import Borders
 from vpfx.validate.vpf.evpf_borders import add_border
+from vpfx.validate.vpf.evpf_classes import Inheritance
 from vpfx.validate.vpf.evpf_tiles import add_sums
 from vpfx.validate.vpf.features import ClassData
 from vpfx.validate.vpf.folders import TableData
@@ -78,10 +79,13 @@ def _coverage_stages(coverage: CoverageData) -> Iterator[Stage]:
 def _evpf_stages(evpf: EvpfData) -> Iterator[Stage]:
     """Yield the levels of a TIN: as a whole, then tile by tile from coarse to fine, then level by level."""
     yield Stage("evpf", evpf, (evpf.library.folder.where or ".",))
+    inheritance = Inheritance(evpf)
     for tile in evpf.tiles():
         yield Stage("evpf tile", tile, tile.keys)
         if tile.is_sound:
             add_border(tile, tile.level.borders)
             add_sums(tile)
+            inheritance.add(tile)
     for level in evpf.levels:
         yield Stage("evpf level", level, (level.where,))
+    yield Stage("evpf shares", inheritance, (evpf.library.folder.where or ".",))

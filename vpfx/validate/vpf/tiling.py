@@ -48,7 +48,7 @@ def check_rows(data: LibraryTiles) -> Iterator[Defects]:
     tileref = data.library.tileref
     if table is None or tileref is None:
         return
-    n_face, seen = tileref.count("fac", 0), {}
+    n_face, seen = tileref.count("fac", 0), dict[str, int]()
     for i, row in enumerate(data.library.tile_rows):
         where = f"table={table.where} row={i + 1}"
         path = "/".join(row.parts).lower()
