@@ -20,8 +20,11 @@ from vpfx.store.writer import FORMAT_VERSION
 
 ROOT = Path(__file__).resolve().parents[1]
 FIXTURES = ROOT / "fixtures" / "dem"
-NUMBER = re.compile(r"\b[RMQ]-\d{3}\b")
-PAGES = {kind: ROOT / "specs" / f"{name}.md" for kind, name in (("R", "format"), ("M", "methods"), ("Q", "query"))}
+NUMBER = re.compile(r"\b[RMQE]-\d{3}\b")
+PAGES = {
+    kind: ROOT / "specs" / f"{name}.md"
+    for kind, name in (("R", "format"), ("M", "methods"), ("Q", "query"), ("E", "evpf"))
+}
 CITING = [
     *sorted(path for folder in ("vpfx", "tests", "bench") for path in (ROOT / folder).rglob("*.py")),
     *sorted((ROOT / "schema").glob("*.sql")),
@@ -57,6 +60,14 @@ def test_worked_values_are_right(worked):
     """Every worked value of the page comes out of the code; what differs is printed."""
     _, result = worked
     assert result.attempted > 50
+    assert result.failed == 0
+
+
+def test_worked_directory_is_right(tmp_path, monkeypatch):
+    """The same of the page of the VPF extension."""
+    monkeypatch.chdir(tmp_path)
+    result = doctest.testfile(str(PAGES["E"]), module_relative=False, encoding="utf-8")
+    assert result.attempted > 30
     assert result.failed == 0
 
 
