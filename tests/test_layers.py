@@ -17,7 +17,7 @@ PACKAGE = Path(vpfx.__file__).parent
 LAYERS = (
     {"errors"},
     {"registry", "model", "checks"},
-    {"geometry"},
+    {"exact", "geometry"},
     {"topology"},
     {"dem", "methods", "store", "mesh_files", "vpf"},  # these do not know each other
     {"features", "patches", "measures", "query"},

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from fractions import Fraction
-
 import numpy as np
 import shapely
 from numba import njit
@@ -16,8 +14,6 @@ __all__ = [
     "face_shapes",
     "face_slopes",
     "heights_on_faces",
-    "orientation",
-    "orientations",
     "shared_areas",
 ]
 
@@ -25,12 +21,6 @@ Floats = NDArray[np.float64]
 
 ON_EDGE = 1e-9
 """Least share of a corner in a place inside a face; with less, the place lies on the edge across."""
-
-SURE_TURN = 3.3306690738754716e-16
-"""Of the two products whose difference is a turn: what the difference exceeds where its sign is sure."""
-
-LEAST_PRODUCT = 1e-290
-"""Products below this may have lost bits."""
 
 LEAST_SHARED = 1e-9
 """Of the smaller of two faces: what they share at least if they do not only touch."""
@@ -120,40 +110,6 @@ def face_shapes(nodes: Floats, face_nodes: NDArray[np.int32]) -> tuple[Floats, F
     sliveriness, smallest = np.empty(len(face_nodes)), np.empty(len(face_nodes))
     _shapes(np.ascontiguousarray(nodes, np.float64), np.ascontiguousarray(face_nodes, np.int32), sliveriness, smallest)
     return sliveriness, smallest
-
-
-def orientations(a: Floats, b: Floats, c: Floats) -> NDArray[np.int8]:
-    """Tell on which side of a → b the places c lie, exactly.
-
-    Parameters
-    ----------
-    a, b, c : float64 (n, 2)
-
-    Returns
-    -------
-    int8 (n,)
-        1 where c lies to the left (a, b, c turn counter-clockwise), -1 to the right, 0 on the line.
-
-    Notes
-    -----
-    Source: J. R. Shewchuk, Adaptive precision floating-point arithmetic, 1997: his bound `SURE_TURN` says when doubles tell
-    the sign; the others, few, are told by fractions.
-
-    Examples
-    --------
-    >>> a, b = np.array([[0.0, 0.0]] * 2), np.array([[1e17, 1e17]] * 2)
-    >>> orientations(a, b, np.array([[1.0, 1.0], [1.0, 1.0000000000000002]])).tolist()
-    [0, 1]
-    """
-    one = (b[:, 0] - a[:, 0]) * (c[:, 1] - a[:, 1])
-    other = (b[:, 1] - a[:, 1]) * (c[:, 0] - a[:, 0])
-    turn = one - other
-    sign = np.sign(turn).astype(np.int8)
-    for i in np.flatnonzero(~(np.abs(turn) > SURE_TURN * (np.abs(one) + np.abs(other)) + LEAST_PRODUCT)).tolist():
-        ax, ay, bx, by, cx, cy = map(Fraction, (*a[i, :2].tolist(), *b[i, :2].tolist(), *c[i, :2].tolist()))
-        exact = (bx - ax) * (cy - ay) - (by - ay) * (cx - ax)
-        sign[i] = (exact > 0) - (exact < 0)
-    return sign
 
 
 def barycentric(corner: Floats, places: Floats) -> Floats:
@@ -289,69 +245,3 @@ def shared_areas(
     area = np.concatenate([area[is_pair], same_area])
     order = np.lexsort(pairs.T)
     return pairs[order], area[order]
-
-
-@njit(nogil=True, cache=True)
-def _product(a, b):
-    """Product of two doubles as a rounded number and the exact rest (Dekker)."""
-    whole = a * b
-    split_a, split_b = 134217729.0 * a, 134217729.0 * b
-    high_a, high_b = split_a - (split_a - a), split_b - (split_b - b)
-    low_a, low_b = a - high_a, b - high_b
-    rest = low_a * low_b - (((whole - high_a * high_b) - low_a * high_b) - high_a * low_b)
-    return whole, rest
-
-
-@njit(nogil=True, cache=True)
-def _sign_of_sum(terms):
-    """Sign of a sum of doubles, without rounding; the terms are overwritten with numbers that do not overlap."""
-    for i in range(len(terms)):
-        carry = terms[i]
-        for j in range(i):
-            whole = carry + terms[j]
-            part = whole - carry
-            terms[j] = (carry - (whole - part)) + (terms[j] - part)
-            carry = whole
-        terms[i] = carry
-    for i in range(len(terms) - 1, -1, -1):
-        if terms[i] != 0.0:
-            return 1 if terms[i] > 0.0 else -1
-    return 0
-
-
-@njit(nogil=True, cache=True)
-def orientation(ax, ay, bx, by, cx, cy):
-    """Which way a → b → c turns, exactly.
-
-    Parameters
-    ----------
-    ax, ay, bx, by, cx, cy : float64
-        Finite; products of two of them neither overflow nor fall below the normal doubles.
-
-    Returns
-    -------
-    int
-        1 counter-clockwise, -1 clockwise, 0 if the three lie on one line.
-
-    Notes
-    -----
-    Source: J. R. Shewchuk, Adaptive precision floating-point arithmetic and fast robust geometric predicates, 1997. Where
-    rounding could decide, the six products of the determinant are added up without rounding.
-
-    Examples
-    --------
-    >>> orientation(0.0, 0.0, 3.0, 0.1, 3e8, 1e7), orientation(0.0, 0.0, 3.0, 0.1, 3e8, np.nextafter(1e7, 2e7))
-    (-1, 1)
-    """
-    left, right = (ax - cx) * (by - cy), (ay - cy) * (bx - cx)
-    turn = left - right
-    if abs(turn) > SURE_TURN * (abs(left) + abs(right)):
-        return 1 if turn > 0.0 else -1
-    terms = np.empty(12)
-    terms[0], terms[1] = _product(ax, by)
-    terms[2], terms[3] = _product(-ay, bx)
-    terms[4], terms[5] = _product(bx, cy)
-    terms[6], terms[7] = _product(-by, cx)
-    terms[8], terms[9] = _product(cx, ay)
-    terms[10], terms[11] = _product(-cy, ax)
-    return _sign_of_sum(terms)

@@ -22,7 +22,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from vpfx.errors import InvariantError
-from vpfx.geometry import orientations
+from vpfx.exact import orientations
 
 __all__ = ["OUTSIDE", "Planar", "Sides", "by_direction", "planar_graph"]
 

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from vpfx.evpf.numbering import TileNumbers
 from vpfx.evpf.planar import Sides, by_direction
-from vpfx.geometry import orientations
+from vpfx.exact import orientations
 from vpfx.model import Extent
 
 __all__ = ["find_broken", "rounded"]

@@ -15,7 +15,7 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-from vpfx.geometry import orientation
+from vpfx.exact import orientation
 
 __all__ = ["find_rings", "find_targets", "label_parts", "sort_stars", "wrong_links"]
 

@@ -16,7 +16,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from vpfx.geometry import orientation
+from vpfx.exact import orientation
 
 __all__ = ["CROSS", "OVERLAP", "Segments", "Strips", "find_clashes", "is_inside", "make_segments", "make_strips"]
 
