@@ -59,8 +59,10 @@ def find_broken(
     node crosses one.
     """
     xy, sides = xyz[:, :2], numbers.sides
+    lost = _faces_at(sides, ~np.isfinite(xyz).all(axis=1))
+    if len(lost):
+        return int(lost[0]), "has no place"
     found = [
-        (_faces_at(sides, ~np.isfinite(xyz).all(axis=1)), "has no place"),
         (_faces_at(sides, _merged(xy)), "has a node in the place of another node"),
         (_turned(xy, numbers), "has no area, or turns over"),
         (_faces_at(sides, _on_border(xy, exact, borders)), "comes to lie on the border of the tile"),

@@ -34,6 +34,7 @@ _IN_COVERAGE = re.compile(
     r"\d+|fc[sa]|(int|char)\.vdt|[a-z]\w*\.([alp]f[tx]|aj[tx]|ra[tx])|(fac|cnd)\.fit|tile[12]\.[ap]ti"
 )
 _PRIMITIVE = re.compile(r"(cn|ed)[dgx]|fac|rng|[ef]br|[cef]si")
+_IN_REFERENCE = re.compile(rf"{_PRIMITIVE.pattern}|fcs|libref\.lft|tileref\.af[tx]")
 
 
 def check_names(path: Path, library: str, product: str, *, is_upper: bool) -> tuple[str, str]:
@@ -153,7 +154,11 @@ class DatabaseTarget:
                 raise
         except OSError as error:
             raise StoreError(f"{self._shown}: cannot be put in its place: {error.strerror}") from error
-        shutil.rmtree(old, ignore_errors=True)
+        try:
+            shutil.rmtree(old, ignore_errors=True)
+        except BaseException:
+            shutil.rmtree(old, ignore_errors=True)
+            raise
         return size
 
 
@@ -187,6 +192,7 @@ def _is_own(parts: tuple[str, ...], name: str, libraries: list[str]) -> bool:
     if len(parts) == 1:
         return _IN_LIBRARY.fullmatch(name) is not None
     if len(parts) == 2:
-        is_reference = parts[1].lower() in ("libref", "tileref") and _PRIMITIVE.fullmatch(name) is not None
-        return is_reference or _IN_COVERAGE.fullmatch(name) is not None
+        if parts[1].lower() in ("libref", "tileref"):
+            return _IN_REFERENCE.fullmatch(name) is not None
+        return _IN_COVERAGE.fullmatch(name) is not None
     return (re.fullmatch(r"\d+", name) if len(parts) == 3 else _PRIMITIVE.fullmatch(name)) is not None

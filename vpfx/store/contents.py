@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import math
 import sqlite3
+from collections.abc import Mapping
 from contextlib import closing
 from pathlib import Path
 from typing import Any
@@ -22,6 +23,7 @@ __all__ = [
     "FORMAT_VERSION",
     "INTERRUPTED",
     "check_schema",
+    "decode_metadata",
     "error_code",
     "error_kind",
     "read_extent",
@@ -99,7 +101,18 @@ def read_metadata(connection: sqlite3.Connection, path: str) -> dict[str, Any]:
     StoreFormatError
         A name is missing, a value is not of its kind, or the format's version is not known.
     """
-    found = dict(connection.execute("SELECT name, value FROM metadata ORDER BY name").fetchall())
+    rows = connection.execute("SELECT name, value FROM metadata ORDER BY name").fetchall()
+    return decode_metadata(dict(rows), path)
+
+
+def decode_metadata(found: Mapping[str, Any], path: str) -> dict[str, Any]:
+    """Return values of `metadata` as what they are: text as it is, others from JSON.
+
+    Raises
+    ------
+    StoreFormatError
+        As `read_metadata`.
+    """
     version = found.get("format_version")
     if version != FORMAT_VERSION:
         message = f"found format version {str(version)[:20]!r}, expected {FORMAT_VERSION!r}"

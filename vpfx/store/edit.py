@@ -191,7 +191,9 @@ class Editor:
                 if self.connection.in_transaction:
                     self.connection.execute(f"RELEASE {name}")
 
-    def create_class(self, name: str, columns: Mapping[str, str | Column], description: str = "") -> FeatureClass:
+    def create_class(
+        self, name: str, columns: Mapping[str, str | Column], description: str = "", class_id: int | None = None
+    ) -> FeatureClass:
         """Make a feature class and its table.
 
         Parameters
@@ -201,6 +203,8 @@ class Editor:
         columns : mapping of str to Column, or to its kind
             One at least.
         description : str
+        class_id : int, optional
+            One that no class has; the next if left out.
 
         Raises
         ------
@@ -221,8 +225,8 @@ class Editor:
             if kind not in KINDS:
                 raise InputError(f"column {column}: found kind {kind!r}, expected one of: {', '.join(KINDS)}")
         with self.savepoint():
-            insert = "INSERT INTO feature_class (class_name, description) VALUES (?, ?)"
-            class_id = self.connection.execute(insert, (name, description)).lastrowid or 0
+            insert = "INSERT INTO feature_class VALUES (?, ?, ?)"
+            class_id = self.connection.execute(insert, (class_id, name, description)).lastrowid or 0
             rows = [(class_id, column, *parts) for column, parts in described.items()]
             self.connection.executemany("INSERT INTO feature_column VALUES (?, ?, ?, ?, ?)", rows)
             self.connection.execute(class_sql(name, described))
@@ -261,7 +265,7 @@ class Editor:
         ]
         self.connection.executemany("INSERT OR REPLACE INTO value_description VALUES (?, ?, ?, ?)", rows)
 
-    def add_features(self, name: str, columns: Mapping[str, Any]) -> Ids:
+    def add_features(self, name: str, columns: Mapping[str, Any], feature_ids: Any = None) -> Ids:
         """Add features to a class.
 
         Parameters
@@ -269,6 +273,8 @@ class Editor:
         name : str
         columns : mapping of str to sequence (n,)
             Values of some or all columns; None and NaN are NULL.
+        feature_ids : integers (n,), optional
+            Ids that no feature has; the next ones if left out.
 
         Returns
         -------
@@ -288,7 +294,10 @@ class Editor:
             raise InputError(f"class {name}: found {message}, expected as many of each of: {', '.join(found.columns)}")
         values = [[stored(value, found.columns[c], c) for value in given] for c, given in columns.items()]
         (last,) = self.connection.execute("SELECT coalesce(max(feature_id), 0) FROM feature").fetchone()
-        ids = range(last + 1, last + 1 + lengths.pop())
+        n = lengths.pop()
+        ids = list(range(last + 1, last + 1 + n)) if feature_ids is None else _whole(feature_ids, "features").tolist()
+        if len(ids) != n:
+            raise InputError(f"class {name}: found {len(ids)} ids and columns of {n} values, expected as many")
         with self.savepoint():
             rows: Any = ((feature, found.class_id) for feature in ids)
             self.connection.executemany("INSERT INTO feature VALUES (?, ?)", rows)

@@ -149,6 +149,7 @@ def _level_rows(
     faces = mesh.faces
     twin = find_twins(faces, len(known.ids))
     outside, given_id = _outside_sides(faces, twin, known, level)
+    outside = _along_sides(outside, mesh, known)
     edge_id, next_edge = _number_edges(twin, outside.at, given_id, first_edge)
     follower = _followers(outside, known, edge_id)
     tile_id = known.tile.number + 1
@@ -182,13 +183,12 @@ def _open_sides(outside: _Outside, known: _TileNodes, edge_id: Ids, face_ids: Id
     at, start, end = outside.at[is_open], outside.start[is_open], outside.end[is_open]
     return OpenSides(
         edge_id[at], known.ids[start], known.ids[end], face_ids[at // 3], edge_id[at // 3 * 3 + (at + 2) % 3],
-        known.u[end] - known.u[start], known.v[end] - known.v[start],
-        outside.is_border[is_open], outside.is_forward[is_open],
+        outside.east[is_open], outside.north[is_open], outside.is_border[is_open], outside.is_forward[is_open],
     )  # fmt: skip
 
 
 class _Outside(NamedTuple):
-    """Sides without twin.
+    """Sides without twin, and their directions, in posts.
 
     `is_border`: on a border between tiles; `is_forward`: in the edge's direction.
     """
@@ -196,6 +196,8 @@ class _Outside(NamedTuple):
     at: NDArray[np.int64]
     start: NDArray[np.int32]
     end: NDArray[np.int32]
+    east: NDArray[np.float64]
+    north: NDArray[np.float64]
     is_border: NDArray[np.bool_]
     is_forward: NDArray[np.bool_]
 
@@ -223,14 +225,39 @@ def _outside_sides(
         is_forward[on] = side in (SOUTH, EAST)  # counter-clockwise round the tile: east in the south, north in the east
     is_late = ~is_border & (known.ids[end] <= known.n_shared_id)
     edge_id[is_late] = known.tiling.late_edge_id(known.tile, level, np.arange(int(is_late.sum())))
-    return _Outside(at, start, end, is_border, is_forward), edge_id
+    east, north = known.u[end] - known.u[start], known.v[end] - known.v[start]
+    return _Outside(at, start, end, east, north, is_border, is_forward), edge_id
+
+
+def _along_sides(outside: _Outside, mesh: LevelMesh, known: _TileNodes) -> _Outside:
+    """Give the sides along one with nodes inside its direction: rounded places put them beside it (R-161)."""
+    side, node, _ = mesh.t_junctions
+    if not len(side):
+        return outside
+    ends = mesh.faces[side // 3, side % 3], mesh.faces[side // 3, (side + 1) % 3]
+    (east, north), (to_east, to_north) = (
+        (known.u[end] - known.u[ends[0]], known.v[end] - known.v[ends[0]]) for end in (ends[1], node)
+    )
+    order = np.lexsort((to_east * east + to_north * north, side))
+    is_first = np.append(True, np.diff(side[order]) > 0)
+    one, other = np.where(is_first, ends[0][order], np.roll(node[order], 1)), node[order]
+    last = order[np.append(is_first[1:], True)]
+    pieces = np.concatenate([other, ends[1][last]]), np.concatenate([one, node[last]])  # run against the side
+    of = np.concatenate([order, last])
+    n_node = len(known.ids)
+    key = outside.start.astype(np.int64) * n_node + outside.end
+    by_key = np.argsort(key)
+    wanted = pieces[0].astype(np.int64) * n_node + pieces[1]
+    at = by_key[np.minimum(np.searchsorted(key[by_key], wanted), len(key) - 1)]
+    is_there = key[at] == wanted
+    outside.east[at[is_there]], outside.north[at[is_there]] = -east[of[is_there]], -north[of[is_there]]
+    return outside
 
 
 def _followers(outside: _Outside, known: _TileNodes, edge_id: Ids) -> Ids:
     """Return the next edge over the outside of each side without twin, -1 where other tiles have a say."""
-    start, end = outside.start, outside.end
-    follower = outside_links(start, end, known.u[end] - known.u[start], known.v[end] - known.v[start])
-    is_shared = known.ids[end] <= known.n_shared_id
+    follower = outside_links(outside.start, outside.end, outside.east, outside.north)
+    is_shared = known.ids[outside.end] <= known.n_shared_id
     if (follower[~is_shared] < 0).any():
         raise InvariantError(f"tile {known.tile.name}: found an outline that does not close")
     return np.where(is_shared, -1, edge_id[outside.at][follower])
@@ -289,11 +316,17 @@ def border_rows(parts: Sequence[OpenSides], level: int, tiling: Tiling) -> Table
     ----------
     parts : sequence of OpenSides
         What each tile left open on this level.
+
+    Raises
+    ------
+    InvariantError
+        Two tiles differ on what lies on the border between them.
     """
     sides_of = OpenSides(*(np.concatenate(columns) for columns in zip(*parts, strict=True)))
     on = np.flatnonzero(sides_of.is_border)
     order = on[np.lexsort((~sides_of.is_forward[on], sides_of.edge_id[on]))]
     edge_id, first, count = np.unique(sides_of.edge_id[order], return_index=True, return_counts=True)
+    _check_pairs(sides_of, order, first, count)
     left = np.where(sides_of.is_forward[order[first]], order[first], -1)
     right = np.where(
         sides_of.is_forward[order[first]], np.where(count == 2, order[first + count - 1], -1), order[first]
@@ -325,3 +358,18 @@ def border_rows(parts: Sequence[OpenSides], level: int, tiling: Tiling) -> Table
     edge_ids = ids[in_order]
     owner = tiling.edge_owner(edge_ids) + 1
     return edge_ids, owner, np.full(len(ids), level, np.int64), *(column[in_order] for column in others)
+
+
+def _check_pairs(sides: OpenSides, order: Ids, first: Ids, count: Ids) -> None:
+    """Refuse sides on borders that are not the same for both tiles, or overlap.
+
+    `order` has the sides on borders by edge, the forward one first, `first` and `count` where those of each edge are.
+    """
+    one, other = order[first], order[first + count - 1]
+    length = (np.abs(sides.east[one]) + np.abs(sides.north[one])).astype(np.int64)  # posts; ids count these too
+    edge_id = sides.edge_id[one]
+    is_pair = sides.is_forward[one] & ~sides.is_forward[other] & (sides.start_id[one] == sides.end_id[other])
+    is_good = (count == 1) | ((count == 2) & is_pair & (sides.end_id[one] == sides.start_id[other]))
+    is_good[:-1] &= edge_id[:-1] + length[:-1] <= edge_id[1:]
+    if not is_good.all():
+        raise InvariantError(f"edge {edge_id[~is_good][0]}: found a border that the tiles beside it have differently")

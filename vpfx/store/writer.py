@@ -19,7 +19,7 @@ from typing import Any
 
 import numpy as np
 
-from vpfx.errors import StoreError
+from vpfx.errors import InvariantError, StoreError
 from vpfx.model import CUTS, Extent
 from vpfx.store.contents import FORMAT_VERSION
 from vpfx.store.ddl import schema_sql
@@ -162,7 +162,7 @@ class StoreWriter:
         totals: Sequence[LevelTotals],
         metadata: Mapping[str, Any],
         sources: list[tuple[str, str, int, str]],
-        then: Callable[[Path], None] | None = None,
+        then: Callable[[Path, Sequence[LevelSummary]], None] | None = None,
     ) -> list[LevelSummary]:
         """Write borders and contents, bring all to the disk and give the file its name.
 
@@ -174,7 +174,8 @@ class StoreWriter:
             Rows of `metadata`; values that are not text are kept as JSON.
         sources : list of (name, sha256, byte_count, driver)
         then : callable, optional
-            Called with the path of the store when it is complete, before it has its name: what it adds is there from the first.
+            Called with the path of the store when it is complete, before it has its name, and with what it holds: may refuse it
+            by an exception, and may add attributes.
         """
         try:
             while self._waiting:
@@ -192,7 +193,7 @@ class StoreWriter:
             finally:
                 connection.close()
             if then:
-                then(self._temporary)
+                then(self._temporary, summary)
             self._publish()
         except (OSError, sqlite3.Error) as error:
             raise StoreError(f"{self.path}: cannot be written: {reason_of(error)}") from error
@@ -204,8 +205,12 @@ class StoreWriter:
         if not tiling.n_border:
             return
         nodes = NodeRows(*(np.concatenate(columns) for columns in zip(*self._shared, strict=True)))
-        node_id, first = np.unique(nodes.node_id, return_index=True)
-        nodes = nodes.part(first)
+        node_id, first, place = np.unique(nodes.node_id, return_index=True, return_inverse=True)
+        every, nodes = nodes, nodes.part(first)
+        differs = (every.xyz != nodes.xyz[place]).any(axis=1) | (every.level != nodes.level[place])
+        if differs.any():
+            number = every.node_id[differs][0]
+            raise InvariantError(f"node {number}: found a border that the tiles beside it have differently")
         nodes = nodes._replace(tile_id=tiling.node_owner(node_id) + 1)
         self._pages.append("node", nodes.table())
         self._counts[:, 0] += np.bincount(nodes.level, minlength=tiling.n_level)

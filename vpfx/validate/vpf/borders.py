@@ -58,6 +58,10 @@ class BorderEdges(NamedTuple):
     Attributes
     ----------
     tile, row : int64 (n,)
+    nodes : int64 (n, 2)
+        Start and end, rows of ``cnd``.
+    is_border : bool (n, 2)
+        Whether they are nodes on borders.
     ends : float64 (n, 4)
         Places of start and end.
     faces : int64 (n, 2, 3)
@@ -66,6 +70,8 @@ class BorderEdges(NamedTuple):
 
     tile: Ids
     row: Ids
+    nodes: Ids
+    is_border: NDArray[np.bool_]
     ends: NDArray[np.float64]
     faces: Ids
 
@@ -78,8 +84,8 @@ class Borders:
         self._external: list[External] = []
         self._edges: list[BorderEdges] = []
 
-    def add(self, tile: TileData) -> None:
-        """Add what a tile says; nothing if its edges are broken."""
+    def add(self, tile: TileData, known: NDArray[np.bool_] | None = None) -> None:
+        """Add what a tile says, nothing if its edges are broken; `known` tells which nodes lie on borders."""
         graph, edges = tile.graph, tile.edges
         if graph is None or edges is None or edges.links is None or tile.node_places is None:
             return
@@ -92,7 +98,7 @@ class Borders:
         first = tile.triplets("cnd", "first_edge")
         if first is not None:
             parts.append((FIRST_EDGE, first, xy))
-        on_border = np.zeros(len(xy), bool)
+        on_border = np.zeros(len(xy), bool) if known is None else known.copy()
         for column, triplet, at in parts:
             row = np.flatnonzero(triplet[:, 1:].any(axis=1))
             same = np.full(len(row), tile.tile_id), row + 1, np.full(len(row), column)
@@ -106,7 +112,8 @@ class Borders:
         row = np.flatnonzero(on_border[graph.nodes].any(axis=1))
         faces = np.zeros((len(row), 2, 3), np.int64) if edges.faces is None else edges.faces[row]
         own = np.full(len(row), tile.tile_id)
-        self._edges.append(BorderEdges(own, row + 1, ends[row].reshape(-1, 4), faces))
+        nodes = graph.nodes[row]
+        self._edges.append(BorderEdges(own, row + 1, nodes + 1, on_border[nodes], ends[row].reshape(-1, 4), faces))
 
     @cached_property
     def external(self) -> External:
@@ -121,7 +128,8 @@ class Borders:
     def edges(self) -> BorderEdges:
         """All edges at borders, by tile and row."""
         if not self._edges:
-            return BorderEdges(*(np.empty(0, np.int64),) * 2, np.empty((0, 4)), np.empty((0, 2, 3), np.int64))
+            none = np.empty((0, 2), np.int64)
+            return BorderEdges(none[:, 0], none[:, 0], none, none > 0, np.empty((0, 4)), np.empty((0, 2, 3), np.int64))
         return BorderEdges(*(np.concatenate(parts) for parts in zip(*self._edges, strict=True)))
 
     def place(self, tile: int, table: str) -> str:
@@ -129,10 +137,13 @@ class Borders:
         folder = self.coverage.tile_folder(tile)
         return f"table={table}" if folder is None else f"table={folder.place(table)}"
 
-    def locate(self, external: External, i: int) -> str:
+    def locate(self, tile: int, row: int, column: int) -> str:
         """Place of an external part."""
-        column = external.column[i]
-        return f"{self.place(int(external.tile[i]), TABLES[column])} column={COLUMNS[column]} row={external.row[i]}"
+        return f"{self.place(tile, TABLES[column])} column={COLUMNS[column]} row={row}"
+
+    def locate_one(self, external: External, i: int) -> str:
+        """Place of one of some external parts."""
+        return self.locate(int(external.tile[i]), int(external.row[i]), int(external.column[i]))
 
 
 def _find(edges: BorderEdges, tile: Ids, row: Ids) -> Ids:
@@ -162,9 +173,9 @@ def check_range(borders: Borders) -> Iterator[Defects]:
     def describe(i: int) -> tuple[str, str]:
         found = f"found row {external.other_row[i]} of tile {external.other_tile[i]}"
         if external.other_tile[i] == external.tile[i]:
-            return borders.locate(external, i), f"{found} named, which is this tile, expected another one"
+            return borders.locate_one(external, i), f"{found} named, which is this tile, expected another one"
         there = f"one of its {count[i]} rows" if count[i] >= 0 else "a tile that is there"
-        return borders.locate(external, i), f"{found} named, expected {there}"
+        return borders.locate_one(external, i), f"{found} named, expected {there}"
 
     yield from some(np.flatnonzero(is_wrong), describe)
 
@@ -189,7 +200,7 @@ def check_back(borders: Borders) -> Iterator[Defects]:
         is_found[pair[is_right | (there == external.other_row[ask[pair]]) & (here == 1)]] = True
 
     def describe(i: int) -> tuple[str, str]:
-        where, other = borders.locate(external, int(ask[i])), external.other_tile[ask[i]]
+        where, other = borders.locate_one(external, int(ask[i])), external.other_tile[ask[i]]
         message = f"found face {external.other_row[ask[i]]} of tile {other} named, expected the same line there with it"
         return where, f"{message}, and this tile's face on its other side"
 
@@ -221,7 +232,7 @@ def check_place(borders: Borders) -> Iterator[Defects]:
     def describe(i: int) -> tuple[str, str]:
         found = f"found edge {external.other_row[ask[i]]} of tile {external.other_tile[ask[i]]} named"
         message = f"{found}, expected one that touches ({xy[i, 0]:.9g}, {xy[i, 1]:.9g})"
-        return borders.locate(external, int(ask[i])), message
+        return borders.locate_one(external, int(ask[i])), message
 
     yield from some(np.flatnonzero(is_wrong), describe)
 

@@ -22,7 +22,7 @@ from vpfx.vpf.paths import split
 from vpfx.vpf.schema import FeatureClass, Relation, classes_of, read_kinds, read_relations
 from vpfx.vpf.values import texts
 
-__all__ = ["CoverageData", "DatabaseData", "LibraryData", "Target", "TileRow", "find_target"]
+__all__ = ["CoverageData", "DatabaseData", "LibraryData", "Target", "TileRow", "find_target", "names_of"]
 
 MOST_LISTED = 100_000
 """Rows of a list of libraries, coverages, classes or tiles that are looked at; the most seen are 5 000."""

@@ -5,12 +5,18 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator
 
 from vpfx.validate.run import Stage
+from vpfx.validate.vpf.borders import Borders
+from vpfx.validate.vpf.evpf_borders import add_border
+from vpfx.validate.vpf.evpf_classes import Inheritance
+from vpfx.validate.vpf.evpf_tiles import add_sums
 from vpfx.validate.vpf.features import ClassData
 from vpfx.validate.vpf.folders import TableData
+from vpfx.validate.vpf.hierarchy import EvpfData
 from vpfx.validate.vpf.names import FolderData, database_folder, library_folder
 from vpfx.validate.vpf.parts import CoverageData, LibraryData, Target
 from vpfx.validate.vpf.scan import ScannedTable
 from vpfx.validate.vpf.tile import TileData
+from vpfx.validate.vpf.tiling import LibraryTiles
 
 __all__ = ["vpf_stages"]
 
@@ -36,8 +42,13 @@ def _library_stages(library: LibraryData) -> Iterator[Stage]:
     yield from _tables(library.folder.tables.values())
     keys = tuple(library.folder.place(name) for name in ("cat", "grt", "lht"))
     yield Stage("folder", library_folder(library), keys)
+    if library.tileref is not None:
+        yield Stage("library", LibraryTiles(library), (library.tileref.folder.where,))
     for name in library.coverage_paths:
         yield from _coverage_stages(library.coverage(name))
+    evpf = EvpfData.find(library)
+    if evpf is not None:
+        yield from _evpf_stages(evpf)
 
 
 def _coverage_stages(coverage: CoverageData) -> Iterator[Stage]:
@@ -46,6 +57,7 @@ def _coverage_stages(coverage: CoverageData) -> Iterator[Stage]:
     own = None if coverage.is_tiled else TileData(coverage, 0, coverage.folder)
     yield Stage("folder", FolderData(coverage.folder, "coverage", tile=own), keys)
     yield Stage("coverage", coverage, keys)
+    borders = Borders(coverage)
     for tile_id in coverage.tile_ids:
         folder = coverage.tile_folder(tile_id)
         if folder is not None:
@@ -54,6 +66,26 @@ def _coverage_stages(coverage: CoverageData) -> Iterator[Stage]:
                 yield Stage("folder", FolderData(folder, "tile", tile=tile), tile.keys)
             if {"edg", "end"} & set(folder.files):
                 yield Stage("tile", tile, tile.keys)
+                if coverage.is_tiled:
+                    borders.add(tile)
+    if coverage.is_tiled:
+        yield Stage("borders", borders, (coverage.folder.where,))
     for feature_class in coverage.classes.values():
         data = ClassData(coverage, feature_class)
         yield Stage("class", data, data.keys)
+    yield Stage("lookups", coverage, tuple(table.where for table in coverage.folder.tables.values()))
+
+
+def _evpf_stages(evpf: EvpfData) -> Iterator[Stage]:
+    """Yield the levels of a TIN: as a whole, then tile by tile from coarse to fine, then level by level."""
+    yield Stage("evpf", evpf, (evpf.library.folder.where or ".",))
+    inheritance = Inheritance(evpf)
+    for tile in evpf.tiles():
+        yield Stage("evpf tile", tile, tile.keys)
+        if tile.is_sound:
+            add_border(tile, tile.level.borders)
+            add_sums(tile)
+            inheritance.add(tile)
+    for level in evpf.levels:
+        yield Stage("evpf level", level, (level.where,))
+    yield Stage("evpf shares", inheritance, (evpf.library.folder.where or ".",))

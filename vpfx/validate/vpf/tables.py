@@ -68,7 +68,7 @@ def check_list_ids(data: ScannedTable) -> Iterator[Defects]:
     """The same of tables whose rows nobody names."""
     for ids in data.scan.ids.defects() if _is_list(data) else ():
         where, message = ids.describe(0)
-        yield one(where, message if ids.count == 1 else f"{message}; {ids.count} rows are so")
+        yield one(where, message if ids.n_defect == 1 else f"{message}; {ids.n_defect} rows are so")
 
 
 def check_columns(data: ScannedTable) -> Iterator[Defects]:

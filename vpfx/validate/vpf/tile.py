@@ -67,8 +67,8 @@ class Plane(NamedTuple):
 
     Attributes
     ----------
-    ring : int64 (2 * n_edge,)
-        Number of the walk that each side is part of.
+    follower, ring : int64 (2 * n_edge,)
+        The side that follows each in its walk, and the number of the walk.
     n_ring : int
     side_face : int64 (2 * n_edge,)
         Index of the face on the right of each side, 0 for the universe.
@@ -81,6 +81,7 @@ class Plane(NamedTuple):
         Whether the walk goes round a part from outside.
     """
 
+    follower: Ids
     ring: Ids
     n_ring: int
     side_face: Ids
@@ -228,7 +229,7 @@ class TileData:
         side_face = edges.faces[:, :, 0].ravel() - 1
         if side_face.size and not (side_face.min() >= 0 and side_face.max() < n_face):
             return None
-        _, ring, n_ring = find_rings(graph.bucket, graph.star)
+        follower, ring, n_ring = find_rings(graph.bucket, graph.star)
         ring_side = np.full(n_ring, -1, np.int64)
         ring_side[ring[::-1]] = np.arange(len(ring))[::-1]
         ends = np.ascontiguousarray(graph.nodes.T)
@@ -238,7 +239,7 @@ class TileData:
         )
         is_outline = np.zeros(n_ring, bool)
         is_outline[ring[side[side >= 0]]] = True
-        return Plane(ring, n_ring, side_face, ring_side, node_part, place, side, is_outline)
+        return Plane(follower, ring, n_ring, side_face, ring_side, node_part, place, side, is_outline)
 
 
 def _stack(columns: list[Ids | None]) -> Ids | None:

@@ -13,7 +13,7 @@ from vpfx.validate.report import ERROR, WARNING, Defects, Rule, one
 from vpfx.validate.vpf.parts import LibraryData
 from vpfx.validate.vpf.tile import TileData
 
-__all__ = ["RULES", "LibraryTiles"]
+__all__ = ["RULES", "LibraryTiles", "all_places", "library_box"]
 
 
 class LibraryTiles:
@@ -48,7 +48,7 @@ def check_rows(data: LibraryTiles) -> Iterator[Defects]:
     tileref = data.library.tileref
     if table is None or tileref is None:
         return
-    n_face, seen = tileref.count("fac", 0), {}
+    n_face, seen = tileref.count("fac", 0), dict[str, int]()
     for i, row in enumerate(data.library.tile_rows):
         where = f"table={table.where} row={i + 1}"
         path = "/".join(row.parts).lower()
@@ -64,7 +64,7 @@ def check_rows(data: LibraryTiles) -> Iterator[Defects]:
             yield one(where, f"found no rectangle for face {row.face} in fbr, expected one")
 
 
-def _all_places(tile: TileData) -> NDArray[np.float64]:
+def all_places(tile: TileData) -> NDArray[np.float64]:
     """Places of all nodes and edges of a tile, float64 (n, 2)."""
     parts = [part[:, :2] for part in (tile.node_places, tile.entity_places) if part is not None]
     if tile.edges is not None:
@@ -74,7 +74,7 @@ def _all_places(tile: TileData) -> NDArray[np.float64]:
 
 
 def _outside(tile: TileData, box: NDArray[np.float64], what: str) -> Iterator[Defects]:
-    xy = _all_places(tile)
+    xy = all_places(tile)
     is_out = (xy < box[:2]).any(axis=1) | (xy > box[2:]).any(axis=1)
     if is_out.any():
         x, y = xy[np.argmax(is_out)].tolist()

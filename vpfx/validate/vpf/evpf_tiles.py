@@ -1,0 +1,246 @@
+"""Rules V774 to V776, V779 to V781: faces, nodes and edges of the levels, tile by tile."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vpfx.validate.report import ERROR, Defects, Rule, one, some
+from vpfx.validate.vpf.hierarchy import EvpfTile, LevelTables
+from vpfx.validate.vpf.tile import Plane
+
+__all__ = ["RULES"]
+
+Ids = NDArray[np.int64]
+
+STEEPEST, TURN = 90.0, 360.0  # degrees
+
+
+def check_features(tile: EvpfTile) -> Iterator[Defects]:
+    """Features follow the faces and nodes of the tile: one each, in their order; other tables are by tile, too."""
+    for name, table in tile.level.rows.items():
+        if not table.is_sorted:
+            yield one(tile.level.place(name), "found tiles in disorder, expected rows by tile")
+            return
+    for name, key, first, primitive in (("tinface.aft", "fac_id", 2, "fac"), ("tinnode.pft", "cnd_id", 1, "cnd")):
+        ids = tile.column(name, key)
+        wrong = np.flatnonzero(ids != np.arange(first, first + len(ids)))
+        yield from some(wrong, tile.tell(name, _found(ids, first), key))
+        most = (tile.tile.coverage.count(primitive, tile.tile_id) or 0) - first + 1
+        if len(ids) > most or (primitive == "cnd" and len(ids) < most):
+            message = f"found {len(ids)} rows, expected {most}, one for each of {primitive}"
+            yield one(f"{tile.level.place(name)} tile={tile.tile_id}", message)
+
+
+def _found(ids: Ids, first: int) -> Callable[[int], str]:
+    return lambda i: f"found {ids[i]}, expected {first + i}: one row for each, in order"
+
+
+def check_rings(tile: EvpfTile) -> Iterator[Defects]:
+    """A face of the store has one ring of three edges, one more for each node inside them; others begin with their lowest."""
+    plane, pointer = tile.tile.plane, tile.tile.column("fac", "ring_ptr")
+    start = tile.tile.column("rng", "start_edge")
+    if plane is None or pointer is None or start is None:
+        return
+    n_face, faces = tile.n_face, plane.side_face[plane.ring_side]
+    length = np.bincount(plane.ring, minlength=plane.n_ring)
+    count = np.bincount(faces, minlength=n_face + 1)[1 : n_face + 1]
+    n_side = np.zeros(max(n_face + 1, int(faces.max(initial=0)) + 1), np.int64)
+    np.add.at(n_side, faces, length)
+    inside = tile.junctions[0]
+    n_inside = np.bincount(inside[(inside > 0) & (inside <= n_face)], minlength=n_face + 1)[1 : n_face + 1]
+    n_side, fac = n_side[1 : n_face + 1], tile.tile.place("fac")
+    wrong = np.flatnonzero((count != 1) | (n_side != 3 + n_inside))
+
+    message = "found {} rings with {} edges, expected one with {}".format
+    yield from some(wrong, lambda i: (f"{fac} row={i + 2}", message(count[i], n_side[i], 3 + n_inside[i])))
+    yield from _check_other_rings(tile, plane)
+
+
+def _check_other_rings(tile: EvpfTile, plane: Plane) -> Iterator[Defects]:
+    """Rings of the universe and of void faces: each begins with its lowest edge, and they follow in that order."""
+    face, start = tile.tile.column("rng", "face_id"), tile.tile.column("rng", "start_edge")
+    if face is None or start is None:
+        return
+    row = np.flatnonzero((start > 0) & ((face == 1) | (face > tile.n_face + 1)))
+    edge = start[row] - 1
+    side = np.where(plane.side_face[2 * edge] == face[row] - 1, 2 * edge, 2 * edge + 1)
+    lowest = plane.ring_side[plane.ring[side]] // 2
+    where = tile.tile.place("rng")
+    expected = "expected the lowest edge of the ring"
+    lost = np.flatnonzero(edge != lowest)
+    yield from some(
+        lost, lambda i: (f"{where} row={row[i] + 1}", f"found edge {edge[i] + 1} first, {expected}, {lowest[i] + 1}")
+    )
+    is_inner = plane.is_outline[plane.ring[side]]
+    is_pair = (face[row[1:]] == face[row[:-1]]) & is_inner[1:] & is_inner[:-1]
+    outer = row[~is_inner & (face[row] > 1)]
+    late = [row[1:][is_pair & (edge[1:] <= edge[:-1])], outer[1:][start[outer[1:]] <= start[outer[:-1]]]]
+    message = "found an edge below that of the ring before, expected rings and void faces by their lowest edges"
+    yield from some(np.concatenate(late), lambda i: (f"{where} row={i + 1}", message))
+
+
+def check_junctions(tile: EvpfTile) -> Iterator[Defects]:
+    """``tjunct.rat`` names nodes on rings of faces, by face and node, and leaves each three corners."""
+    name = "tjunct.rat"
+    if name not in tile.level.rows:
+        return
+    face, node = tile.junctions
+    n_node = tile.tile.coverage.count("cnd", tile.tile_id) or 0
+    is_wrong = (face < 1) | (face > tile.n_face) | (node < 0) | (node >= n_node)
+    is_wrong[1:] |= (face[1:] < face[:-1]) | ((face[1:] == face[:-1]) & (node[1:] <= node[:-1]))
+    if not is_wrong.any():
+        starts, nodes = tile.ring_nodes
+        known = np.repeat(np.arange(1, len(starts)), np.diff(starts)) * (n_node + 1) + nodes
+        is_wrong = ~np.isin(face * (n_node + 1) + node, known)
+    message = "found node {} in a side of face {}, expected one that is on its ring, by face and node".format
+    yield from some(np.flatnonzero(is_wrong), tile.tell(name, lambda i: message(node[i] + 1, face[i] + 1)))
+
+
+def check_nodes(tile: EvpfTile) -> Iterator[Defects]:
+    """A node is in all levels from its first on, with the same place, height and height on the level before."""
+    xyz, rows, name = tile.tile.node_places, tile.rows("tinnode.pft"), "tinnode.pft"
+    if xyz is None or rows is None or rows.n_row != len(xyz):
+        return
+    level, first = tile.level.number, tile.column(name, "first_level")
+    z, z_parent, before = rows["z"], rows["z_parent"], _rows_before(tile, xyz)
+    expected = "found height {}, expected {} as in cnd".format
+    yield from some(np.flatnonzero(z != xyz[:, 2]), tile.tell(name, lambda i: expected(z[i], xyz[i, 2]), "z"))
+    wrong = np.flatnonzero(np.isnan(z_parent) == ((first > 0) & tile.level.evpf.is_nested))
+    message = "found {} for a node that is there from level {} on".format
+    yield from some(wrong, tile.tell(name, lambda i: message(z_parent[i], first[i]), "z_parent"))
+    is_new = before < 0
+    wrong = np.flatnonzero(np.where(is_new, first != level, (first < 0) | (first >= level)))
+    text = "found {}, expected {} as the level before has {} node there".format
+    told = {True: (level, "no"), False: (f"less than {level}", "a")}
+    yield from some(wrong, tile.tell(name, lambda i: text(first[i], *told[bool(is_new[i])]), "first_level"))
+    if tile.before is not None and not len(wrong):
+        yield from _compare_nodes(tile, tile.before, np.flatnonzero(~is_new), before)
+
+
+def _compare_nodes(tile: EvpfTile, older: EvpfTile, same: Ids, before: Ids) -> Iterator[Defects]:
+    """Compare nodes with what they are on the level before."""
+    name = "tinnode.pft"
+    mine, theirs = tile.rows(name), older.rows(name)
+    if mine is None or theirs is None or theirs.n_row <= before.max(initial=-1):
+        return
+    is_other = np.zeros(len(same), bool)
+    for column in ("z", "z_parent", "first_level"):
+        is_other |= _differ(mine[column][same], theirs[column][before[same]])
+    message = "found another height or first level than the node has on the level before"
+    yield from some(same[is_other], tile.tell(name, lambda _: message))
+    if theirs.n_row > len(same):
+        message = f"found {theirs.n_row - len(same)} nodes of the level before no more, expected all of them"
+        yield one(f"{tile.level.place(name)} tile={tile.tile_id}", message)
+
+
+def _differ(a: NDArray[Any], b: NDArray[Any]) -> NDArray[np.bool_]:
+    """Tell which numbers differ; NaN equals NaN."""
+    is_other: NDArray[np.bool_] = (a != b) & ~((a != a) & (b != b))
+    return is_other
+
+
+def _rows_before(tile: EvpfTile, xyz: NDArray[np.float64]) -> Ids:
+    """Index of each node among those of the level before; -1 if it is new."""
+    older = None if tile.before is None else tile.before.tile.node_places
+    if older is None or not len(older):
+        return np.full(len(xyz), -1)
+    places = np.concatenate([older[:, :2], xyz[:, :2]])
+    _, key = np.unique(places, axis=0, return_inverse=True)
+    key = key.ravel()
+    row_of = np.full(int(key.max(initial=0)) + 1, -1)
+    row_of[key[: len(older)]] = np.arange(len(older))
+    return row_of[key[len(older) :]]
+
+
+def check_faces(tile: EvpfTile) -> Iterator[Defects]:
+    """Slope, aspect and whether heights are made up have values that can be; the parent is that of ``parent.rat``."""
+    name = "tinface.aft"
+    rows = tile.rows(name)
+    if rows is None:
+        return
+    slope, aspect, filled = rows["slope"], rows["aspect"], rows["filled"]
+    with np.errstate(invalid="ignore"):
+        is_slope = (slope >= 0) & (slope <= STEEPEST)
+        is_aspect = np.where(slope == 0, np.isnan(aspect), (aspect >= 0) & (aspect < TURN))
+    wrong = np.flatnonzero(~is_slope)
+    yield from some(wrong, tile.tell(name, lambda i: f"found {slope[i]}, expected 0 … {STEEPEST:g}", "slope"))
+    wrong = np.flatnonzero(is_slope & ~is_aspect)
+    message = "found {} with slope {}, expected 0 … 360, or none on level ground".format
+    yield from some(wrong, tile.tell(name, lambda i: message(aspect[i], slope[i]), "aspect"))
+    wrong = np.flatnonzero((filled != 0) & (filled != 1))
+    yield from some(wrong, tile.tell(name, lambda i: f"found {filled[i]}, expected 0 or 1", "filled"))
+    parent, known = tile.column(name, "parent"), _parents(tile)
+    if known is not None:
+        text = "found {}, expected {} by parent.rat".format
+        wrong = np.flatnonzero(parent != known)
+        yield from some(wrong, tile.tell(name, lambda i: text(parent[i], known[i]), "parent"))
+
+
+def _parents(tile: EvpfTile) -> Ids | None:
+    """Row of each face's parent in ``tinface.aft`` of the level before; 0 for none; None if that cannot be told."""
+    parents = np.zeros(tile.n_face, np.int64)
+    if tile.level.number == 0 or not tile.level.evpf.is_nested:
+        return parents
+    child, parent = tile.column("parent.rat", "child_id"), tile.column("parent.rat", "parent_id")
+    if tile.before is None or not np.array_equal(child, np.arange(2, tile.n_face + 2)):
+        return None
+    return tile.before.level.first_row("tinface.aft", tile.tile_id) + parent - 1
+
+
+def check_counts(level: LevelTables) -> Iterator[Defects]:
+    """``level.rat`` counts nodes, edges and faces of all tiles, each once."""
+    sums, row = level.sums, level.summary
+    places = np.concatenate(sums.shared_places) if sums.shared_places else np.empty((0, 2))
+    again = len(places) - len(np.unique(places, axis=0)) if len(places) else 0
+    counts = {
+        "node_count": sums.n_node - again,
+        "edge_count": sums.n_edge - sums.n_shared_side // 2 + sums.n_long,
+        "face_count": sums.n_face,
+    }
+    for name, expected in counts.items():
+        if row.get(name) != expected:
+            yield one(f"{level.place('level.rat')} column={name}", f"found {row.get(name)}, expected {expected}")
+
+
+def add_sums(tile: EvpfTile) -> None:
+    """Count what a tile adds to its level; nothing where its graph is broken."""
+    plane, edges, xyz = tile.tile.plane, tile.tile.edges, tile.tile.node_places
+    first = tile.tile.triplets("cnd", "first_edge")
+    if plane is None or edges is None or edges.faces is None or xyz is None or first is None:
+        return
+    sums = tile.level.sums
+    sums.n_face += tile.n_face
+    sums.n_edge += len(edges.faces)
+    sums.n_node += len(xyz)
+    sums.n_shared_side += int((edges.faces[:, :, 1] > 0).any(axis=1).sum())
+    sums.shared_places.append(xyz[first[:, 1] > 0, :2])
+    if len(tile.junctions[0]):
+        starts, inside = tile.ring_nodes[0], tile.is_junction
+        ring_starts = starts[:-1]
+        before = np.roll(inside, 1)
+        before[ring_starts] = inside[starts[1:] - 1]
+        sums.n_long += int((inside & ~before).sum())
+
+
+FACES = ("primitive_references", "edge_ends", "edge_places", "edges_cross", "edges_overlap", "nodes_together", "ring_faces",
+         "face_count", "ring_rows", "rings_listed", "ring_order")  # fmt: skip
+TILE = (*FACES, "evpf_metadata", "evpf_features")
+
+RULES = (
+    Rule("V774", "evpf_features", ERROR, "E-300", "features do not follow faces and nodes", check_features, "evpf tile",
+         needs=("evpf_metadata", "feature_references")),
+    Rule("V775", "evpf_rings", ERROR, "E-220", "the ring of a face does not have three edges, or not in order", check_rings,
+         "evpf tile", needs=TILE),
+    Rule("V776", "evpf_junctions", ERROR, "E-222", "a node in a side of a face is none", check_junctions, "evpf tile",
+         needs=(*TILE, "evpf_rings")),
+    Rule("V779", "evpf_nodes", ERROR, "E-300", "a node is not the same on all levels", check_nodes, "evpf tile",
+         needs=("primitive_references", "edge_ends", "nodes_together", "evpf_metadata", "evpf_features")),
+    Rule("V780", "evpf_faces", ERROR, "E-300", "a face has a value that cannot be", check_faces, "evpf tile",
+         needs=("evpf_metadata", "evpf_features", "evpf_links")),
+    Rule("V786", "evpf_counts", ERROR, "E-410", "a level counts other nodes, edges or faces than it has", check_counts,
+         "evpf level", needs=(*TILE, "evpf_rings", "evpf_junctions", "external_range", "external_faces", "evpf_borders")),
+)  # fmt: skip
