@@ -80,7 +80,7 @@ def _warnings_in_one_line() -> Iterator[None]:
 
         def show(message: Warning | str, category: type[Warning], *place: Any, **more: Any) -> None:
             if issubclass(category, VpfxWarning):
-                print("vpfx: " + " ".join(str(message).split("\n")), file=sys.stderr)
+                print("vpfx: warning: " + " ".join(str(message).split("\n")), file=sys.stderr)
             else:
                 before(message, category, *place, **more)
 

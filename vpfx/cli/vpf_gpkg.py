@@ -24,7 +24,7 @@ __all__ = ["to_gpkg"]
 @click.option("--crs", metavar="EPSG:4326", help="CRS of the places, whatever grt says.")
 @click.option("--overwrite", is_flag=True, help="Replace an existing file, once the new one is complete.")
 @click.option("--json", "as_json", is_flag=True, help="Print one JSON document.")
-@click.option("-q", "--quiet", is_flag=True, help="Print nothing but errors.")
+@click.option("-q", "--quiet", is_flag=True, help="Print nothing but warnings and errors.")
 def to_gpkg(
     directory: Path, output: Path, coverages: tuple[str, ...], primitives: bool, crs: str | None, overwrite: bool,
     as_json: bool, quiet: bool,
@@ -40,8 +40,8 @@ def to_gpkg(
 
     check_output(output, overwrite)
     written = write_gpkg(directory, output, coverages=coverages, primitives=primitives, crs=crs)
-    for problem in written.problems if not (as_json or quiet) else ():
-        print(f"vpfx: {problem}", file=sys.stderr)
+    for problem in written.problems if not as_json else ():
+        print(f"vpfx: warning: {problem}", file=sys.stderr)
     if as_json:
         layers = [layer._asdict() for layer in written.layers]
         print(

@@ -96,7 +96,7 @@ def write_gpkg(
         The file cannot be written.
     """
     opened = open_coverages(path)
-    known_crs(crs)
+    _check_crs(crs)
     chosen = _chosen(opened.coverages, coverages)
     problems, layers, said = list(opened.problems), [], set()
     output = Path(output)
@@ -114,10 +114,10 @@ def write_gpkg(
         if not layers:
             hint = "" if primitives else "; --primitives writes edges, faces and nodes"
             raise NotFoundError(" ".join([f"{path}: found no feature class that can be read{hint}.", *problems[:1]]))
-    return Written(tuple(layers), (*sorted(said - {""}), *problems))
+    return Written(tuple(layers), tuple(dict.fromkeys([*sorted(said - {""}), *problems])))
 
 
-def known_crs(crs: str | None) -> None:
+def _check_crs(crs: str | None) -> None:
     """Refuse a CRS that nobody knows."""
     try:
         if crs is not None:
@@ -151,10 +151,19 @@ def _layers(
         problems += told
         for key, found in classes.items():
             yield _free(f"{start}_{key}", taken), coverage, found.kind, partial(read_class, coverage, found)
-        for primitive in PRIMITIVES if primitives else ():
-            if has_faces(coverage) if primitive == "fac" else tiles_of(coverage, primitive):
-                name = _free(f"{start}_{primitive}", taken)
-                yield name, coverage, KINDS[primitive], partial(read_primitives, coverage, primitive)
+        for primitive in _primitives(coverage, problems) if primitives else ():
+            name = _free(f"{start}_{primitive}", taken)
+            yield name, coverage, KINDS[primitive], partial(read_primitives, coverage, primitive)
+
+
+def _primitives(coverage: Coverage, problems: list[str]) -> list[str]:
+    """Kinds of primitives that a coverage has somewhere."""
+    try:
+        kinds = [name for name in PRIMITIVES if tiles_of(coverage, name)]
+        return [name for name in kinds if name != "fac" or has_faces(coverage)]
+    except VpfxError as error:
+        problems.append(str(error))
+        return []
 
 
 def _free(name: str, taken: set[str]) -> str:

@@ -16,6 +16,7 @@ from typing import NamedTuple
 
 import numpy as np
 import shapely
+import shapely.errors
 from numpy.typing import NDArray
 
 from vpfx.errors import NotFoundError, VpfFormatError
@@ -89,7 +90,7 @@ def read_class(coverage: Coverage, found: FeatureClass) -> FeatureRows:
     NotFoundError
         The feature table or the join table is not there.
     VpfFormatError
-        One of them is broken.
+        One of them is broken, or GEOS cannot unite areas.
 
     Notes
     -----
@@ -102,7 +103,11 @@ def read_class(coverage: Coverage, found: FeatureClass) -> FeatureRows:
         return FeatureRows(fields, np.full(table.n_row, None, object), ())
     references, problems = _references(coverage, found, table, where)
     parts = _read_parts(coverage, found.primitive, references, where)
-    geometry = merge_parts(found.kind, references.row, references.tile, parts.geometry, table.n_row)
+    try:
+        geometry = merge_parts(found.kind, references.row, references.tile, parts.geometry, table.n_row)
+    except shapely.errors.ShapelyError as error:
+        reason = " ".join(str(error).split())
+        raise VpfFormatError(where, "", f"found primitives that cannot be put together: {reason}", "V-420") from error
     if found.primitive == "txt":
         strings: list[str | None] = [None] * table.n_row
         for row, text in zip(references.row[::-1].tolist(), parts.texts[::-1].tolist(), strict=True):
@@ -167,7 +172,7 @@ def _read_parts(coverage: Coverage, primitive: str, references: _References, whe
     is_missing = np.isin(references.tile, missing)
     what = f"primitives of {primitive} lie in tiles that are missing"
     problems += _told(where, what, references.tile[is_missing], "tiles ")
-    return _Parts(geometry, texts, tuple(problems))
+    return _Parts(geometry, texts, tuple(dict.fromkeys(problems)))
 
 
 def _path_of(coverage: Coverage, primitive: str, tile: int) -> Path:
