@@ -2,8 +2,8 @@
 
 A fixture ``V105_schema.sql`` is SQL, ``V101_header.bytes`` changes bytes: a line ``18 02`` puts the byte 02 at offset 18,
 ``append 00`` adds bytes, ``cut 4096`` takes some off the end, ``beside -journal 00`` writes a file of that suffix. The first
-line of either names the base: ``-- plane``. After SQL of the hundreds 2 to 8 the digests are made right again, by the words of
-R-140 and no code of vpfx: else every change would be found by them.
+line of either names the base: ``-- plane``. After SQL of the hundreds 2 to 8 the blobs of places and the digests are made right
+again, by the words of R-140 and no code of vpfx: else every change would be found by them.
 """
 
 from __future__ import annotations
@@ -21,8 +21,9 @@ import numpy as np
 from surfaces import SOLID, VOIDS, hills, write_dem
 
 import vpfx
+from vpfx.store.edit import edit_store
 
-__all__ = ["BASES", "FIXTURES", "INDEX", "base_of", "build_base", "damage", "refresh_digests"]
+__all__ = ["BASES", "FIXTURES", "INDEX", "base_of", "build_base", "damage", "refresh_blobs", "refresh_digests"]
 
 FOLDER = Path(__file__).resolve().parents[1] / "fixtures" / "invalid"
 FIXTURES = {path.stem.split("_")[0]: path for path in sorted(FOLDER.glob("V*.*"))}
@@ -35,6 +36,9 @@ BASES: dict[str, tuple[Any, dict[str, Any]]] = {
     "voids": (VOIDS["ring with island"].heights, {"passes": 2, "tile_size": 8}),
     "pyramid": (hills(20, 20, 3), {"method": "delaunay_pyramid", "max_error": (20, 8, 4)}),
     "junctions": (SOLID["cliff"].heights, {"method": "scarlatos", "passes": 3}),
+    "flat": (np.full((10, 10), 7.0), {"passes": 0, "grid": (3, 3)}),
+    "filled": (np.where(np.hypot(*np.mgrid[-8:9, -8:9]) > 5, 7.0, np.nan), {"max_error": (2, 1), "fill": True}),
+    "soil": (np.tile(np.arange(100.0, 121.0), (17, 1)), {"max_error": (2, 1), "tile_size": 10}),
 }
 """Heights and options of `vpfx.build`. The plane is the worked store of specs/format.md, whose ids stand there."""
 
@@ -56,7 +60,18 @@ def build_base(name: str, folder: Path) -> Path:
     """Build a base, and the DEM beside it; return its path."""
     heights, options = BASES[name]
     dem = write_dem(folder / f"{name}.tif", heights, step=10.0, crs="EPSG:32611")
-    return vpfx.build(dem, folder / f"{name}.gpkg", **options).path
+    path = vpfx.build(dem, folder / f"{name}.gpkg", **options).path
+    if name == "soil":
+        _attach_soil(path)
+    return path
+
+
+def _attach_soil(path: Path) -> None:
+    """Attach two features of a class to some faces."""
+    with edit_store(path) as editor:
+        editor.create_class("soil", {"name": "text", "depth": "real"})
+        clay, sand = editor.add_features("soil", {"name": ["clay", "sand"], "depth": [0.5, None]})
+        editor.set_faces("soil", [3, 4, 4], [clay, clay, sand], [1.0, 0.5, 0.5])
 
 
 def base_of(fixture: Path) -> str:
@@ -73,6 +88,8 @@ def damage(base: Path, fixture: Path, target: Path) -> Path:
         return target
     with closing(sqlite3.connect(target)) as connection:
         connection.executescript(text)
+        if fixture.stem[1] not in "19" and fixture.stem[:4] not in ("V210", "V216"):
+            refresh_blobs(connection)
         if fixture.stem[1] not in "19":
             refresh_digests(connection)
         connection.commit()
@@ -93,6 +110,13 @@ def _change_bytes(path: Path, text: str) -> None:
             new = bytes.fromhex("".join(rest))
             data[int(verb) : int(verb) + len(new)] = new
     path.write_bytes(data)
+
+
+def refresh_blobs(connection: sqlite3.Connection) -> None:
+    """Put the places of nodes into their blobs again (R-150)."""
+    rows = connection.execute("SELECT x, y, z, node_id, xyz FROM node").fetchall()
+    changed = [(struct.pack("<3d", *row[:3]), row[3]) for row in rows if struct.pack("<3d", *row[:3]) != row[4]]
+    connection.executemany("UPDATE node SET xyz = ? WHERE node_id = ?", changed)
 
 
 def refresh_digests(connection: sqlite3.Connection) -> None:

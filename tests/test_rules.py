@@ -13,7 +13,8 @@ from vpfx.validate import RULES, STORE_RULES, VPF_RULES, Report, validate
 from vpfx.validate.report import SEVERITIES, Defects, Finding, Rule
 from vpfx.validate.run import Stage, chosen_rules, in_order, run
 
-PAGE = (Path(__file__).resolve().parents[1] / "specs" / "rules.md").read_text(encoding="utf-8")
+ROOT = Path(__file__).resolve().parents[1]
+PAGE = (ROOT / "specs" / "rules.md").read_text(encoding="utf-8")
 CODES = {rule.code: rule for rule in RULES.values()}
 
 
@@ -34,6 +35,11 @@ def bases(tmp_path_factory):
         return built[name]
 
     return get
+
+
+def dem_of(path, code):
+    """Return the elevation file of a store for rules that need it."""
+    return [path.with_suffix(".tif")] if code.startswith("V52") else ()
 
 
 def test_codes_are_given_once():
@@ -69,7 +75,7 @@ def test_every_rule_has_its_fixture():
 def test_fixture_yields_exactly_its_code(code, bases, tmp_path):
     fixture = FIXTURES[code]
     path = damage(bases(base_of(fixture)), fixture, tmp_path / "a.gpkg")
-    report = validate(path)
+    report = validate(path, dem=dem_of(bases(base_of(fixture)), code))
     assert {finding.code for finding in report.findings} == {code}, report.findings[:9]
     for finding in report.findings:
         assert (finding.severity, finding.requirement) == (CODES[code].severity, CODES[code].requirement)
@@ -78,7 +84,21 @@ def test_fixture_yields_exactly_its_code(code, bases, tmp_path):
 
 @pytest.mark.parametrize("name", BASES)
 def test_bases_are_clean(name, bases):
-    assert validate(bases(name)) == Report(bases(name), (), ())
+    for dem in ((), [bases(name).with_suffix(".tif")]):
+        assert validate(bases(name), dem=dem) == Report(bases(name), (), ())
+
+
+def test_every_requirement_that_can_be_checked_has_a_rule():
+    """The table at the end of the page names each requirement once, with all rules that cite it."""
+    rows = re.findall(r"^\| (R-\d{3}.*?) \| (.*?) \|$", PAGE, re.MULTILINE)
+    told = {}
+    for requirements, rules in rows:
+        for number in re.findall(r"R-\d{3}", requirements):
+            told[number] = set(re.findall(r"V\d{3}", rules))
+    for rule in STORE_RULES.values():
+        assert rule.code in told[rule.requirement]
+    form = (ROOT / "specs" / "format.md").read_text(encoding="utf-8")
+    assert set(told) | {"R-231", "R-232", "R-233"} == set(re.findall(r"^### (R-\d{3})", form, re.MULTILINE))
 
 
 def test_needs_are_rules_of_the_same_kind():
@@ -105,7 +125,7 @@ def counting(n_defect):
 
 def test_many_findings_of_a_rule_are_counted():
     rules = table(Rule("V401", "wrong", "error", "R-170", "wrong", counting(10**9)))
-    findings, _ = run(rules, [Stage("store", None)] * 2, rules["wrong"])
+    findings, _ = run(rules, [Stage("store", None, (key,)) for key in "ab"], rules["wrong"])
     assert len(findings) == 101
     assert findings[99].where == "face=99"
     assert findings[100].message == "found 1,999,999,900 more, 2,000,000,000 in all"

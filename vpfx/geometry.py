@@ -15,6 +15,7 @@ __all__ = [
     "barycentric",
     "face_shapes",
     "face_slopes",
+    "face_turns",
     "heights_on_faces",
     "orientation",
     "orientations",
@@ -355,3 +356,36 @@ def orientation(ax, ay, bx, by, cx, cy):
     terms[8], terms[9] = _product(cx, ay)
     terms[10], terms[11] = _product(-cy, ax)
     return _sign_of_sum(terms)
+
+
+@njit(nogil=True, cache=True)
+def face_turns(nodes, face_nodes):
+    """Which way round the nodes of each face go, seen from above: exact.
+
+    Parameters
+    ----------
+    nodes : float64 (n_node, 2 or 3)
+    face_nodes : integers (n_face, 3)
+
+    Returns
+    -------
+    int8 (n_face,)
+        1 counter-clockwise, -1 clockwise, 0 on one line.
+
+    Notes
+    -----
+    Products must neither overflow nor underflow: exact for coordinates that are 0 or between 1e-140 and 1e140.
+
+    Examples
+    --------
+    The third place lies above the diagonal, on it and below it, by one unit in the last place:
+
+    >>> nodes = np.array([[0.1, 0.1], [0.3, 0.3], [0.7, 0.7], [0.7, np.nextafter(0.7, 1)], [0.7, np.nextafter(0.7, 0)]])
+    >>> face_turns(nodes, np.array([[0, 1, 3], [0, 1, 2], [0, 1, 4]])).tolist()
+    [1, 0, -1]
+    """
+    turn = np.empty(len(face_nodes), np.int8)
+    for face in range(len(face_nodes)):
+        a, b, c = nodes[face_nodes[face, 0]], nodes[face_nodes[face, 1]], nodes[face_nodes[face, 2]]
+        turn[face] = orientation(a[0], a[1], b[0], b[1], c[0], c[1])
+    return turn

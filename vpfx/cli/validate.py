@@ -16,12 +16,15 @@ FINDINGS = 1  # exit code
 
 @app.command()
 @click.argument("path", required=False, type=click.Path(path_type=Path), metavar="STORE")
+@click.option(
+    "--dem", multiple=True, metavar="DEM", help="Elevation file it was built from: errors are measured again."
+)
 @click.option("--only", multiple=True, metavar="V4|NAME", help="Only rules whose code begins so, or of that name (*).")
 @click.option("--skip", multiple=True, metavar="V4|NAME", help="Not these rules, nor those that need them.")
 @click.option("--list-rules", is_flag=True, help="Print all rules instead.")
 @click.option("--format", "form", default="text", show_default=True, help="text, json or sarif.")
 def validate(
-    path: Path | None, only: tuple[str, ...], skip: tuple[str, ...], list_rules: bool, form: str
+    path: Path | None, dem: tuple[str, ...], only: tuple[str, ...], skip: tuple[str, ...], list_rules: bool, form: str
 ) -> int | None:
     """Check a store against every rule of the format: specs/rules.md.
 
@@ -41,6 +44,6 @@ def validate(
         return None
     if path is None:
         raise click.UsageError("Missing argument 'STORE'", click.get_current_context())
-    report = validating.validate(path, only=only, skip=skip)
+    report = validating.validate(path, dem=dem, only=only, skip=skip)
     print(FORMS[form](report, validating.RULES))
     return None if report.ok else FINDINGS

@@ -22,6 +22,8 @@ from vpfx.store.summary import LevelSummary
 __all__ = [
     "FORMAT_VERSION",
     "INTERRUPTED",
+    "METADATA",
+    "MOST_CHARACTERS",
     "check_schema",
     "decode_metadata",
     "error_code",
@@ -41,12 +43,13 @@ INTERRUPTED = (
 MOST_CHARACTERS = 1 << 20  # of one metadata value
 
 _NUMBER = (int, float)
-_METADATA: dict[str, type | tuple[type, ...]] = {
+METADATA: dict[str, type | tuple[type, ...]] = {
     "format_version": str, "software": str, "crs_wkt2": str, "vertical_datum": str, "vertical_unit": str,
     "source_vertical_unit": str, "source_vertical_unit_is_assumed": bool, "method": str, "method_source": str,
     "options": dict, "seed": int, "lattice": dict, "posts": int, "void_posts": int, "isolated_posts": int,
     "area_m2": _NUMBER, "void_area_m2": _NUMBER,
 }  # fmt: skip
+"""Names of the table `metadata`, and of which type their values are; those that are not text are JSON."""
 
 
 def error_code(error: Exception) -> int:
@@ -119,7 +122,7 @@ def decode_metadata(found: Mapping[str, Any], path: str) -> dict[str, Any]:
         raise StoreFormatError(path, "table metadata", message, "R-110")
     decoded = {}
     for name, value in found.items():
-        kind = _METADATA.get(name, str)
+        kind = METADATA.get(name, str)
         try:
             if not isinstance(value, str) or len(value) > MOST_CHARACTERS:
                 raise ValueError
@@ -132,7 +135,7 @@ def decode_metadata(found: Mapping[str, Any], path: str) -> dict[str, Any]:
         CRS.from_wkt(found.get("crs_wkt2") or 'LOCAL_CS[""]')
     except CRSError:
         raise StoreFormatError(path, "table metadata: crs_wkt2", "found no CRS as WKT, expected one or none") from None
-    missing = sorted(set(_METADATA) - set(found))
+    missing = sorted(set(METADATA) - set(found))
     if missing:
         raise StoreFormatError(path, "table metadata", f"found no {missing[0]}, expected one", "R-110")
     return decoded

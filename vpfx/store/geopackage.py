@@ -12,7 +12,11 @@ from vpfx.store.ddl import layer_names, layers_sql
 
 __all__ = [
     "APPLICATION_ID",
+    "ATTRIBUTE_TABLES",
+    "DEFINITION",
+    "EXTENSION",
     "LAST_CHANGE",
+    "OTHER_TABLES",
     "USER_VERSION",
     "find_srs",
     "register",
@@ -28,7 +32,7 @@ UNDEFINED_SRS_ID = -1
 EXTENSION = "vpfx_hierarchical_tin"
 DEFINITION = "urn:x-vpfx:hierarchical-tin:0.1"  # described in specs/format.md
 
-_ATTRIBUTE_TABLES = {
+ATTRIBUTE_TABLES = {
     "level": "levels with bounds and measured errors",
     "tile": "tiles",
     "tile_level": "rows and digest of each tile and level",
@@ -38,10 +42,12 @@ _ATTRIBUTE_TABLES = {
     "source": "files of posts and features",
     "feature_class": "feature classes, whose tables describe what faces are part of",
 }
-_OTHER_TABLES = (
+"""Tables that GeoPackage lists as attributes, and their titles."""
+OTHER_TABLES = (
     "metadata", "level_cut", "parent_child", "shared_area", "t_junction", "tile_index", "face_layer", "feature_column",
     "value_description", "feature", "face_feature",
 )  # fmt: skip
+"""The other ones beyond the norm."""
 
 
 def find_srs(wkt: str) -> tuple[int, str, str, int, str]:
@@ -85,9 +91,9 @@ def register(connection: sqlite3.Connection, wkt: str, extent: Extent, n_level: 
             title = f"{name.split('_')[0]}s of level {level}"
             connection.execute(content, (name, "features", name, title, LAST_CHANGE, *extent, srs[0]))
             connection.execute("INSERT INTO gpkg_geometry_columns VALUES (?, 'geom', ?, ?, 1, 0)", (name, kind, srs[0]))
-    for name, title in _ATTRIBUTE_TABLES.items():
+    for name, title in ATTRIBUTE_TABLES.items():
         connection.execute(content, (name, "attributes", name, title, LAST_CHANGE, None, None, None, None, None))
-    for extended in (*_ATTRIBUTE_TABLES, *_OTHER_TABLES):
+    for extended in (*ATTRIBUTE_TABLES, *OTHER_TABLES):
         row = (extended, None, EXTENSION, DEFINITION, "write-only")
         connection.execute("INSERT INTO gpkg_extensions VALUES (?, ?, ?, ?, ?)", row)
 

@@ -11,14 +11,31 @@ from pathlib import Path
 
 from vpfx.errors import InputError, NotFoundError
 from vpfx.registry import table
-from vpfx.validate import container, unreadable
+from vpfx.validate import (
+    attributes,
+    container,
+    digests,
+    geopackage,
+    ground,
+    hierarchy,
+    rows,
+    surface,
+    tables,
+    tiles,
+    topology,
+    unreadable,
+)
+from vpfx.validate.level_data import LevelData, StepData
 from vpfx.validate.report import Finding, Report, Rule
 from vpfx.validate.run import Stage, chosen_rules, run
 from vpfx.validate.store_data import StoreData, open_store_data
 
 __all__ = ["RULES", "STORE_RULES", "VPF_RULES", "Finding", "Report", "Rule", "validate"]
 
-STORE_RULES: Mapping[str, Rule] = table(*container.RULES, *unreadable.RULES)
+STORE_RULES: Mapping[str, Rule] = table(
+    *container.RULES, *geopackage.RULES, *digests.RULES, *tables.RULES, *rows.RULES, *topology.RULES, *surface.RULES,
+    *hierarchy.RULES, *ground.RULES, *tiles.RULES, *attributes.RULES, *unreadable.RULES,
+)  # fmt: skip
 """Rules about stores, by name."""
 VPF_RULES: Mapping[str, Rule] = table()
 """Rules about directories of VPF, by name."""
@@ -26,13 +43,17 @@ RULES: Mapping[str, Rule] = table(*STORE_RULES.values(), *VPF_RULES.values())
 """All rules, by name."""
 
 
-def validate(path: str | Path, *, only: Sequence[str] = (), skip: Sequence[str] = ()) -> Report:
+def validate(
+    path: str | Path, *, dem: Sequence[str | Path] = (), only: Sequence[str] = (), skip: Sequence[str] = ()
+) -> Report:
     """Check a store against the rules.
 
     Parameters
     ----------
     path : path
         The file. Anything may be in it.
+    dem : sequence of path
+        Elevation files that the store was built from: errors are measured again, and compared.
     only : sequence of str
         Beginnings of codes or names of the rules to follow, with all that those need; all if empty.
     skip : sequence of str
@@ -47,8 +68,8 @@ def validate(path: str | Path, *, only: Sequence[str] = (), skip: Sequence[str] 
     ------
     InputError
         A pattern is about no rule.
-    NotFoundError, StoreError
-        There is no such file, the system refuses to read it, or somebody is writing.
+    NotFoundError, StoreError, DemFormatError
+        There is no such file, the system refuses to read it, or somebody is writing; an elevation file cannot be read.
 
     Examples
     --------
@@ -65,11 +86,18 @@ def validate(path: str | Path, *, only: Sequence[str] = (), skip: Sequence[str] 
     if not path.is_file():
         raise NotFoundError(f"{path}: found no such file, expected a store")
     rules = chosen_rules(STORE_RULES, only, skip)
-    with open_store_data(path) as data:
+    with open_store_data(path, dem) as data:
         findings, left_out = run(rules, _store_stages(data), STORE_RULES["unreadable"])
     return Report(path, tuple(findings), tuple(left_out))
 
 
 def _store_stages(data: StoreData) -> Iterator[Stage]:
-    """What the rules of stores look at."""
+    """What the rules of stores look at: the file, then level by level, each with the one before."""
     yield Stage("store", data)
+    coarse = None
+    for number in range(data.n_level):
+        fine = LevelData(data, number)
+        yield Stage("level", fine, (f"level {number}",))
+        if coarse is not None:
+            yield Stage("step", StepData(coarse, fine), (f"level {number - 1}", f"level {number}"))
+        coarse = fine

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import sqlite3
 from collections.abc import Iterator
 
+from vpfx.store.contents import error_kind
 from vpfx.validate.report import ERROR, MOST_SHOWN, WARNING, Defects, Rule, one
 from vpfx.validate.store_data import StoreData
 
@@ -53,7 +55,13 @@ def check_integrity(data: StoreData) -> Iterator[Defects]:
     """
     tables = [f"({name})" for name in data.known_tables] if data.has_strange_tables else [""]
     for table in tables:
-        for (line,) in data.first(f"PRAGMA integrity_check{table}", MOST_SHOWN):
+        try:
+            lines = data.first(f"PRAGMA integrity_check{table}", MOST_SHOWN)
+        except sqlite3.DatabaseError as error:
+            if error_kind(error) != sqlite3.SQLITE_CORRUPT:
+                raise
+            lines = [(str(error),)]
+        for (line,) in lines:
             if line != "ok":
                 yield one("", f"found: {line}")
 

@@ -9,7 +9,7 @@ from graphlib import TopologicalSorter
 from itertools import chain
 from typing import Any, NamedTuple
 
-from vpfx.errors import FormatError, InputError, StoreError
+from vpfx.errors import DemFormatError, FormatError, InputError, StoreError
 from vpfx.store.contents import error_kind
 from vpfx.validate.report import MOST_SHOWN, Defects, Finding, Rule, one
 
@@ -114,7 +114,7 @@ def run(
     journal = _Journal(rules, refusal)
     for stage in stages:
         for rule in rules.values():
-            if rule.scope == stage.scope:
+            if rule.scope == stage.scope and not journal.is_hopeless(rule):
                 journal.follow(rule, stage)
     return journal.findings(), sorted(journal.left_out.items())
 
@@ -135,17 +135,24 @@ class _Journal:
         if missing:
             codes = ", ".join(self._rules[name].code for name in missing)
             self.left_out.setdefault(rule.code, f"needs {codes}")
-            self._broken[rule.name].update(stage.keys)
+            is_everywhere = any(self.is_hopeless(self._rules[name]) for name in missing)
+            self._broken[rule.name].update([""] if is_everywhere else stage.keys)
             return
         try:
             for defects in rule.check(stage.context):
                 self._take(rule, defects, stage)
+        except DemFormatError:
+            raise
         except (sqlite3.Error, UnicodeDecodeError, FormatError, OverflowError) as error:
             if error_kind(error) in (sqlite3.SQLITE_BUSY, sqlite3.SQLITE_LOCKED):
                 raise StoreError(f"cannot be read: {error}; somebody is writing, try again") from error
             reason = one("", f"found what cannot be read while {rule.code} was checked: {error}")
             self._take(self._refusal, reason, stage)
             self._broken[rule.name].update(stage.keys)
+
+    def is_hopeless(self, rule: Rule) -> bool:
+        """Tell whether a rule of a part was broken, or cannot be followed, in the whole."""
+        return "" in self._broken[rule.name]
 
     def _bears_upon(self, name: str, stage: Stage) -> bool:
         """Tell whether a rule was broken, or not followed, at a place that a stage is about."""

@@ -5,6 +5,8 @@ Nothing here is checked: the rules do that. What cannot be read raises `sqlite3.
 
 from __future__ import annotations
 
+import json
+import math
 import os
 import sqlite3
 from collections.abc import Iterator, Sequence
@@ -13,15 +15,69 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from vpfx.errors import StoreError, StoreFormatError
-from vpfx.store.arrays import TableReader
-from vpfx.store.contents import INTERRUPTED, error_code
-from vpfx.store.ddl import schema_sql
+import numpy as np
+from numpy.typing import NDArray
+from pyproj import CRS
 
-__all__ = ["HEADER", "Object", "StoreData", "open_store_data"]
+from vpfx.dem import read_grid
+from vpfx.errors import StoreError, StoreFormatError
+from vpfx.methods import METHODS
+from vpfx.model import Extent, Grid
+from vpfx.store.arrays import NO_IDS, TableReader
+from vpfx.store.contents import INTERRUPTED, METADATA, MOST_CHARACTERS, error_code
+from vpfx.store.ddl import schema_sql
+from vpfx.store.geopackage import find_srs
+from vpfx.store.tiles import Tiling
+from vpfx.validate.class_data import ClassData, read_class_data
+
+__all__ = ["ALL_IDS", "HEADER", "RANGED", "Line", "Object", "StoreData", "is_number", "is_whole", "open_store_data"]
 
 HEADER = 100  # bytes
+XYZ_SIZE = 24  # bytes
+BUSY_SECONDS = 5.0  # that a writer is waited for
+BESIDE = 1e-3
+"""Post spacings around the extent in which posts are looked for: those on its sides may lie a hair outside."""
+SOME_ROWS = 1 << 16  # read at a time
+ALL_IDS = (1, 2**63 - 1)
+RANGED = ("node", "edge", "face")
+"""Tables whose rows lie in ranges of ids, tile by tile and level by level."""
 Rows = list[tuple[Any, ...]]
+
+
+class Line(NamedTuple):
+    """A row of the table `level`, as it stands there."""
+
+    level: Any
+    max_error_bound: Any
+    max_error: Any
+    rmse: Any
+    max_rise: Any
+    post_count: Any
+    node_count: Any
+    edge_count: Any
+    face_count: Any
+    first_border_edge: Any
+    last_border_edge: Any
+    border_digest: Any
+
+
+def is_whole(value: Any, least: int = 0) -> bool:
+    """Tell whether a value is an integer, and not below some other one."""
+    return isinstance(value, int) and not isinstance(value, bool) and value >= least
+
+
+def is_number(value: Any) -> bool:
+    """Tell whether a value is a finite number.
+
+    Examples
+    --------
+    >>> [is_number(value) for value in (1, 2.5, float("inf"), 10**400, True, "1")]
+    [True, True, False, False, False, False]
+    """
+    try:
+        return isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)
+    except OverflowError:
+        return False
 
 
 class Object(NamedTuple):
@@ -42,8 +98,8 @@ class Object(NamedTuple):
 
 
 @contextmanager
-def open_store_data(path: Path) -> Iterator[StoreData]:
-    """Open a file that may be a store.
+def open_store_data(path: Path, dem: Sequence[str | Path] = ()) -> Iterator[StoreData]:
+    """Open a file that may be a store, and the elevation files it was built from.
 
     Raises
     ------
@@ -55,7 +111,7 @@ def open_store_data(path: Path) -> Iterator[StoreData]:
             head, size = file.read(HEADER), os.fstat(file.fileno()).st_size
     except OSError as error:
         raise StoreError(f"{path}: cannot be read: {error.strerror}") from error
-    data = StoreData(path, head, size)
+    data = StoreData(path, head, size, dem)
     try:
         yield data
     finally:
@@ -72,10 +128,12 @@ class StoreData:
         The first 100, or fewer if there are no more.
     size : int
         Bytes.
+    dem : sequence of path
+        Elevation files that the store was built from; may be empty.
     """
 
-    def __init__(self, path: Path, head: bytes, size: int) -> None:
-        self.path, self.head, self.size = path, head, size
+    def __init__(self, path: Path, head: bytes, size: int, dem: Sequence[str | Path] = ()) -> None:
+        self.path, self.head, self.size, self.dem = path, head, size, dem
         self._connection: sqlite3.Connection | None = None
 
     def close(self) -> None:
@@ -97,10 +155,12 @@ class StoreData:
     def _open(self) -> sqlite3.Connection:
         """Open the database for reading, safely; from here on one state of it is seen."""
         if self._connection is None:
-            connection = sqlite3.connect(f"{self.path.absolute().as_uri()}?mode=ro", uri=True, isolation_level=None)
+            uri = f"{self.path.absolute().as_uri()}?mode=ro"
+            connection = sqlite3.connect(uri, BUSY_SECONDS, uri=True, isolation_level=None)
             connection.text_factory = lambda text: text.decode("utf-8", "replace")
             try:
                 connection.execute("PRAGMA trusted_schema = OFF")
+                connection.execute("PRAGMA ignore_check_constraints = ON")  # integrity_check: rules say it better
                 reader = TableReader(connection, self.path)
                 with suppress(StoreFormatError):  # whoever asks for rows is told; here the pages are mapped, no more
                     reader.rows("level", [])
@@ -156,4 +216,178 @@ class StoreData:
         )
 
     def _is_known(self, name: str) -> bool:
-        return self.objects[name] == self.expected_objects.get(name)
+        return self.objects[name] == self.expected_objects.get(name) or name in self._class_tables
+
+    @cached_property
+    def _class_tables(self) -> set[str]:
+        """Names of tables of classes that are as they should be; none if classes cannot be read."""
+        try:
+            return {found.name for found in self.classes if not found.table_problem}
+        except (sqlite3.DatabaseError, UnicodeDecodeError):
+            return set()
+
+    @cached_property
+    def classes(self) -> list[ClassData]:
+        """Feature classes, and what is wrong with them."""
+        return read_class_data(self.select, self.objects, self.expected_objects)
+
+    @cached_property
+    def metadata(self) -> dict[str, Any]:
+        """Values of the table `metadata`; what cannot be decoded is None."""
+        found: dict[str, Any] = {}
+        for name, value in self.select("SELECT name, value FROM metadata"):
+            try:
+                if not isinstance(value, str) or len(value) > MOST_CHARACTERS:
+                    raise ValueError
+                found[name] = value if METADATA.get(name, str) is str else json.loads(value)
+            except (ValueError, RecursionError):
+                found[name] = None
+        return found
+
+    @cached_property
+    def lines(self) -> list[Line]:
+        """Rows of the table `level`, coarse to fine."""
+        return [Line(*row) for row in self.select(f"SELECT {', '.join(Line._fields)} FROM level ORDER BY level")]
+
+    @property
+    def n_level(self) -> int:
+        """Number of rows of the table `level`, 0 if they cannot be read, or no rule has come so far as to open the file."""
+        try:
+            return len(self.lines) if self._connection is not None else 0
+        except (sqlite3.Error, UnicodeDecodeError):  # a message of SQLite may quote bytes that are no text
+            return 0
+
+    @cached_property
+    def tiles(self) -> Rows:
+        """Rows of the table `tile`."""
+        return self.select("SELECT tile_id, tile_name, xmin, ymin, xmax, ymax FROM tile ORDER BY tile_id")
+
+    @cached_property
+    def boxes(self) -> NDArray[np.float64]:
+        """Extents of the tiles, (n_tile, 4): xmin, ymin, xmax, ymax."""
+        return np.array([row[2:] for row in self.tiles], np.float64).reshape(-1, 4)
+
+    @cached_property
+    def extent(self) -> Extent:
+        """Rectangle of all tiles."""
+        low, high = self.boxes[:, :2].min(axis=0), self.boxes[:, 2:].max(axis=0)
+        return Extent(float(low[0]), float(low[1]), float(high[0]), float(high[1]))
+
+    @cached_property
+    def tiling(self) -> Tiling:
+        """The cut of the lattice into tiles, and the ids that follow from it."""
+        lattice = self.metadata["lattice"]
+        n_row, n_col, tile_size = lattice["n_row"], lattice["n_col"], self.metadata["options"]["tile_size"]
+        return Tiling(n_row, n_col, tile_size, len(self.lines))
+
+    @cached_property
+    def tile_levels(self) -> Rows:
+        """Rows of the table `tile_level`."""
+        limits = ", ".join(f"first_{table}, last_{table}" for table in RANGED)
+        return self.select(
+            f"SELECT tile_level_id, tile_id, level, {limits}, digest FROM tile_level ORDER BY tile_level_id"
+        )
+
+    @cached_property
+    def ranges(self) -> NDArray[np.int64]:
+        """First and last ids of each tile and level, (n_tile, n_level, 3, 2), tables as in `RANGED`; 1, 0 where none."""
+        limits = [self._limits(row) for row in self.tile_levels]
+        return np.array(limits, np.int64).reshape(len(self.tiles), len(self.lines), 3, 2)
+
+    @staticmethod
+    def _limits(row: tuple[Any, ...]) -> list[int]:
+        """The six limits of a row, 1 and 0 for NULL."""
+        return [NO_IDS[i % 2] if value is None else value for i, value in enumerate(row[3:9])]
+
+    @cached_property
+    def nodes(self) -> dict[str, NDArray[Any]]:
+        """Rows of the table `node` as columns, in the order of ids; NULL is -1, or NaN."""
+        return self.columns("node", [ALL_IDS])
+
+    @cached_property
+    def xyz(self) -> NDArray[np.float64]:
+        """Places of the nodes, (n_node, 3)."""
+        return np.stack([self.nodes[name] for name in "xyz"], axis=1)
+
+    @cached_property
+    def places(self) -> NDArray[np.float64]:
+        """Places of the nodes in post spacings, (n_node, 2)."""
+        lattice = self.metadata["lattice"]
+        return (self.xyz[:, :2] - (lattice["x0"], lattice["y0"])) / (lattice["dx"], lattice["dy"])
+
+    @cached_property
+    def ulp(self) -> float:
+        """Spacing of doubles at the largest coordinate of the extent, CRS units."""
+        return float(np.spacing(np.abs(self.boxes).max()))
+
+    @cached_property
+    def place_ulp(self) -> NDArray[np.float64]:
+        """How far a place may be off by rounding, in post spacings, (2,)."""
+        lattice = self.metadata["lattice"]
+        return self.ulp / np.array([lattice["dx"], lattice["dy"]], np.float64)
+
+    @cached_property
+    def inner_lines(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """X and y of the borders between tiles."""
+        low, high = self.boxes[:, :2], self.boxes[:, 2:]
+        return tuple(np.intersect1d(low[:, axis], high[:, axis]) for axis in range(2))  # type: ignore[return-value]
+
+    @cached_property
+    def crs(self) -> CRS | None:
+        """The CRS; None if it is unknown."""
+        wkt = self.metadata["crs_wkt2"]
+        return CRS.from_wkt(wkt) if wkt else None
+
+    @cached_property
+    def srs(self) -> tuple[int, str, str, int, str]:
+        """The CRS as GeoPackage has it: see `vpfx.store.geopackage.find_srs`."""
+        return find_srs(self.metadata["crs_wkt2"])
+
+    @cached_property
+    def blobs(self) -> NDArray[np.uint8]:
+        """Column `xyz` of the nodes, (n_node, 24); no rows if one of them is no blob of 24 bytes."""
+        blobs = np.empty((len(self.nodes["node_id"]), XYZ_SIZE), np.uint8)
+        cursor, at = self._open().execute("SELECT xyz FROM node WHERE node_id >= 1 ORDER BY node_id"), 0
+        while rows := [row[0] for row in cursor.fetchmany(SOME_ROWS)]:
+            if not all(isinstance(blob, bytes) and len(blob) == XYZ_SIZE for blob in rows):
+                return blobs[:0]
+            blobs[at : at + len(rows)] = np.frombuffer(b"".join(rows), np.uint8).reshape(-1, XYZ_SIZE)
+            at += len(rows)
+        return blobs
+
+    def columns(self, table: str, runs: list[tuple[int, int]]) -> dict[str, NDArray[Any]]:
+        """Rows of a table with ids in ascending runs, as columns.
+
+        Raises
+        ------
+        StoreFormatError
+            A value is of another kind.
+        """
+        found = self.reader.rows(table, runs)
+        for name, values in found.items():
+            if values.dtype not in (np.int64, np.float64):
+                raise StoreFormatError(str(self.path), f"table {table}", f"found {name} of another kind", "R-102")
+        return found
+
+    @cached_property
+    def is_nested(self) -> bool:
+        """Whether each face has one parent: as the method says, or if it is not known, the store."""
+        method = METHODS.get(self.metadata.get("method") or "")
+        if method is not None:
+            return method.nested
+        return not self.select("SELECT 1 FROM shared_area LIMIT 1")
+
+    @cached_property
+    def grid(self) -> Grid:
+        """Posts of the elevation files in the extent.
+
+        Raises
+        ------
+        InputError, DemFormatError
+            They have none there, or cannot be read.
+        """
+        lattice, metadata = self.metadata["lattice"], self.metadata
+        x, y = lattice["dx"] * BESIDE, lattice["dy"] * BESIDE
+        box = (self.extent.min_x - x, self.extent.min_y - y, self.extent.max_x + x, self.extent.max_y + y)
+        unit = None if metadata["source_vertical_unit_is_assumed"] else metadata["source_vertical_unit"]
+        return read_grid([str(path) for path in self.dem], bbox=box, vertical_unit=unit)

@@ -1,0 +1,76 @@
+"""Rules V12x: digests, which show every changed byte of the rows (R-140, R-141)."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vpfx.store.digest import Digest
+from vpfx.store.records import NULL_INT
+from vpfx.validate.level_data import LevelData
+from vpfx.validate.report import ERROR, Defects, Rule, one
+
+__all__ = ["RULES"]
+
+NODE = ("node_id", "tile_id", "level", "x", "y", "z", "z_parent")
+EDGE = ("edge_id", "tile_id", "level", "start_node", "end_node", "right_face", "left_face", "right_edge", "left_edge")
+FACE = (
+    "face_id", "tile_id", "level", "node_1", "node_2", "node_3", "edge_1", "edge_2", "edge_3", "is_filled",
+    "slope_centidegrees", "aspect_centidegrees",
+)  # fmt: skip
+"""Columns in the order of R-140; nodes have their blob behind them."""
+
+
+def _columns(rows: dict[str, NDArray[Any]], names: tuple[str, ...], part: Any) -> list[NDArray[Any]]:
+    """Some rows of some columns as digests take them: NULL_INT where arrays have -1 for NULL."""
+    found = [rows[name][part] for name in names]
+    return [np.where(values == -1, NULL_INT, values) if values.dtype == np.int64 else values for values in found]
+
+
+def _between(ids: NDArray[np.int64], limits: NDArray[np.int64]) -> slice:
+    """Rows whose ids lie in a range."""
+    low, high = limits.tolist()
+    return slice(*np.searchsorted(ids, [low, min(high, 2**63 - 2) + 1]).tolist()) if low <= high else slice(0, 0)
+
+
+def check_digests(level: LevelData) -> Iterator[Defects]:
+    """The digest of a tile and level is that of its rows."""
+    data, links = level.data, level.links
+    shared = [np.array(column) for column in zip(*level.shared_areas, strict=True)]
+    junctions = [np.array(column) for column in zip(*level.t_junctions, strict=True)]
+    for tile, (of_node, of_edge, of_face) in enumerate(data.ranges[:, level.level]):
+        digest, rows = Digest(), _between(data.nodes["node_id"], of_node)
+        digest.add([*_columns(data.nodes, NODE, rows), data.blobs[rows]])
+        digest.add(_columns(level.edges, EDGE, _between(level.edges["edge_id"], of_edge)))
+        digest.add(_columns(level.faces, FACE, _between(level.faces["face_id"], of_face)))
+        digest.add(list(np.ascontiguousarray(links[_between(links[:, 0], of_face)].T)))
+        for columns, limits in ((junctions, of_edge), (shared, of_face)):
+            if columns:
+                digest.add([column[_between(columns[0], limits)] for column in columns])
+        row = data.tile_levels[tile * len(data.lines) + level.level]
+        if digest.value() != row[-1]:
+            message = f"found {row[-1].hex()}, the rows have {digest.value().hex()}"
+            yield one(f"level={level.level} tile={tile + 1}", message)
+
+
+def check_border_digest(level: LevelData) -> Iterator[Defects]:
+    """The digest of a level's borders is that of the rows whose ids are set aside."""
+    data, digest = level.data, Digest()
+    if level.line.first_border_edge is not None:
+        nodes = np.flatnonzero(level.is_new & (data.nodes["node_id"] <= data.tiling.n_border_node_id))
+        digest.add([*_columns(data.nodes, NODE, nodes), data.blobs[nodes]])
+        rows = _between(level.edges["edge_id"], np.array([level.line.first_border_edge, level.line.last_border_edge]))
+        digest.add(_columns(level.edges, EDGE, rows))
+    if digest.value() != level.line.border_digest:
+        message = f"found {level.line.border_digest.hex()}, the rows have {digest.value().hex()}"
+        yield one(f"level={level.level}", message)
+
+
+READY = ("range_order", "node_values", "row_values", "node_xyz")
+RULES = (
+    Rule("V120", "digest", ERROR, "R-140", "rows of a tile and level were changed", check_digests, "level", READY),
+    Rule("V121", "border_digest", ERROR, "R-141", "rows on borders were changed", check_border_digest, "level", READY),
+)  # fmt: skip

@@ -1,0 +1,138 @@
+"""The outside of a level: edges without a face on one hand, how they follow each other, and slits between them."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vpfx.validate.kernels import walk_slits
+
+__all__ = ["Outside", "Slits", "find_outside", "find_slits"]
+
+SAME_WAY = 1e-7
+"""Radians between directions that count as one: places inside an edge are rounded, so lie beside it by a hair."""
+
+ROOM = 4
+"""Times as many steps along slits as there are sides: in a mesh each is passed once."""
+
+Ints = NDArray[np.int64]
+
+
+class Outside(NamedTuple):
+    """Hands of edges without a face. Each runs with the ground on its left: along the edge if the right hand is empty.
+
+    Attributes
+    ----------
+    edge : int64 (n,)
+    hand : int64 (n,)
+        0 left, 1 right: the hand that is empty.
+    start, end : int64 (n,)
+        Nodes.
+    follower : int64 (n,)
+        Which one is met first, turning counter-clockwise over the outside round the end; -1 if none starts there.
+    is_slit : bool (n,)
+        Whether the follower leaves in the same direction, so that the outside between has no width.
+    """
+
+    edge: Ints
+    hand: Ints
+    start: Ints
+    end: Ints
+    follower: Ints
+    is_slit: NDArray[np.bool_]
+
+
+class Slits(NamedTuple):
+    """Edges along which shorter ones run, from end to end, with nothing between.
+
+    Attributes
+    ----------
+    long, short : int64 (n,)
+        Edges; those along a long one stand together, in order from its one end to the other.
+    node : int64 (n,)
+        Where the short edge ends: a node inside the long one, -1 for the last.
+    broken : int64 (m,)
+        Edges along which others run, but not from end to end.
+    """
+
+    long: Ints
+    short: Ints
+    node: Ints
+    broken: Ints
+
+
+def find_outside(edge_nodes: NDArray[np.int32], edge_faces: NDArray[np.int32], places: NDArray[np.float64]) -> Outside:
+    """Find the hands of edges without a face, and the order in which they follow each other.
+
+    Parameters
+    ----------
+    edge_nodes, edge_faces : int32 (n_edge, 2)
+        Start and end; left and right face, -1 for none.
+    places : float64 (n_node, 2)
+
+    Notes
+    -----
+    Source: specs/format.md R-161. Cost: O(n log n) in the hands without a face.
+
+    Examples
+    --------
+    One triangle whose edges run counter-clockwise; the first is followed by the second:
+
+    >>> nodes = np.array([[0, 1], [1, 2], [2, 0]], np.int32)
+    >>> faces = np.array([[0, -1]] * 3, np.int32)
+    >>> find_outside(nodes, faces, np.array([[0, 0], [1, 0], [0, 1.0]])).follower.tolist()
+    [1, 2, 0]
+    """
+    edge, hand = np.nonzero(edge_faces < 0)
+    start, end = edge_nodes[edge, 1 - hand].astype(np.int64), edge_nodes[edge, hand].astype(np.int64)
+    way = places[end] - places[start] + 0.0
+    leaving, back = np.arctan2(way[:, 1], way[:, 0]), np.arctan2(-way[:, 1] + 0.0, -way[:, 0] + 0.0)
+    lowered = back - SAME_WAY
+    lowered[lowered < -np.pi] += 2 * np.pi
+    n = len(edge)
+    node, angle = np.concatenate([end, start]), np.concatenate([lowered, leaving])
+    order = np.lexsort((np.arange(2 * n) >= n, angle, node))
+    is_start = order >= n
+    place_of_start = np.flatnonzero(is_start)
+    starts = order[place_of_start] - n  # those that start at a node, by node, then direction
+    next_start = np.cumsum(is_start)  # at each place: the number of starts up to there, so the next one's index
+    ends = np.flatnonzero(~is_start)
+    index = next_start[ends]
+    node_of_start = start[starts]
+    here = end[order[ends]]
+    is_same_node = index < n
+    is_same_node[is_same_node] = node_of_start[index[is_same_node]] == here[is_same_node]
+    first = np.searchsorted(node_of_start, here)
+    has_any = first < n
+    has_any[has_any] = node_of_start[first[has_any]] == here[has_any]
+    chosen = np.where(is_same_node, index, np.where(has_any, first, -1))
+    follower = np.full(n, -1, np.int64)
+    follower[order[ends]] = np.where(chosen >= 0, starts[np.minimum(chosen, n - 1)], -1) if n else -1
+    turn = np.abs(leaving[follower] - back)
+    is_slit = (follower >= 0) & (np.minimum(turn, 2 * np.pi - turn) < SAME_WAY) & (edge[follower] != edge)
+    return Outside(edge, hand, start, end, follower, is_slit)
+
+
+def find_slits(outside: Outside, places: NDArray[np.float64]) -> Slits:
+    """Find the edges with nodes inside: those along which shorter edges run.
+
+    Notes
+    -----
+    Source: specs/format.md R-190. Cost: O(n).
+    """
+    way = places[outside.end] - places[outside.start]
+    length = np.hypot(way[:, 0], way[:, 1])
+    at = np.flatnonzero(outside.is_slit)
+    long = at[length[at] > length[outside.follower[at]]]
+    room = ROOM * len(outside.edge)
+    short, owner, is_closed = np.empty(room, np.int64), np.empty(room, np.int64), np.zeros(len(long), np.bool_)
+    goal = outside.start[long]
+    count = walk_slits(long, outside.end, outside.follower, goal, short, owner, is_closed)
+    other = outside.follower[at[length[at] < length[outside.follower[at]]]]
+    broken = np.concatenate([outside.edge[long[~is_closed]], np.setdiff1d(outside.edge[other], outside.edge[long])])
+    short, owner = short[:count], owner[:count]
+    short, owner = short[is_closed[owner]], owner[is_closed[owner]]
+    node = np.where(outside.end[short] == goal[owner], -1, outside.end[short])
+    return Slits(outside.edge[long[owner]], outside.edge[short], node, np.unique(broken))
