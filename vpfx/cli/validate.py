@@ -15,7 +15,7 @@ FINDINGS = 1  # exit code
 
 
 @app.command()
-@click.argument("path", required=False, type=click.Path(path_type=Path), metavar="STORE")
+@click.argument("path", required=False, type=click.Path(path_type=Path), metavar="PATH")
 @click.option(
     "--dem", multiple=True, metavar="DEM", help="Elevation file it was built from: errors are measured again."
 )
@@ -26,9 +26,9 @@ FINDINGS = 1  # exit code
 def validate(
     path: Path | None, dem: tuple[str, ...], only: tuple[str, ...], skip: tuple[str, ...], list_rules: bool, form: str
 ) -> int | None:
-    """Check a store against every rule of the format: specs/rules.md.
+    """Check a store, or a directory of VPF, against every rule: specs/rules.md.
 
-    Exit code 0: no error; 1: errors; 2: wrong use; 3: the file cannot be read at all.
+    Exit code 0: no error; 1: errors; 2: wrong use; 3: there is nothing to check.
 
     Example: vpfx validate n36.gpkg --format sarif
     """
@@ -43,7 +43,7 @@ def validate(
         print(rules_json(chosen) if form == "json" else rules_text(chosen))
         return None
     if path is None:
-        raise click.UsageError("Missing argument 'STORE'", click.get_current_context())
+        raise click.UsageError("Missing argument 'PATH'", click.get_current_context())
     report = validating.validate(path, dem=dem, only=only, skip=skip)
     print(FORMS[form](report, validating.RULES))
     return None if report.ok else FINDINGS

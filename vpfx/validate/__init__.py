@@ -24,11 +24,14 @@ from vpfx.validate import (
     tiles,
     topology,
     unreadable,
+    vpf,
 )
 from vpfx.validate.level_data import LevelData, StepData
 from vpfx.validate.report import Finding, Report, Rule
 from vpfx.validate.run import Stage, chosen_rules, run
 from vpfx.validate.store_data import StoreData, open_store_data
+from vpfx.validate.vpf.parts import find_target
+from vpfx.validate.vpf.stages import vpf_stages
 
 __all__ = ["RULES", "STORE_RULES", "VPF_RULES", "Finding", "Report", "Rule", "validate"]
 
@@ -37,7 +40,7 @@ STORE_RULES: Mapping[str, Rule] = table(
     *hierarchy.RULES, *ground.RULES, *tiles.RULES, *attributes.RULES, *unreadable.RULES,
 )  # fmt: skip
 """Rules about stores, by name."""
-VPF_RULES: Mapping[str, Rule] = table()
+VPF_RULES: Mapping[str, Rule] = vpf.RULES
 """Rules about directories of VPF, by name."""
 RULES: Mapping[str, Rule] = table(*STORE_RULES.values(), *VPF_RULES.values())
 """All rules, by name."""
@@ -46,12 +49,12 @@ RULES: Mapping[str, Rule] = table(*STORE_RULES.values(), *VPF_RULES.values())
 def validate(
     path: str | Path, *, dem: Sequence[str | Path] = (), only: Sequence[str] = (), skip: Sequence[str] = ()
 ) -> Report:
-    """Check a store against the rules.
+    """Check a store, or a directory of VPF, against the rules.
 
     Parameters
     ----------
     path : path
-        The file. Anything may be in it.
+        A file: a store, or anything. Or a directory of VPF: a database, one of its libraries, or a coverage.
     dem : sequence of path
         Elevation files that the store was built from: errors are measured again, and compared.
     only : sequence of str
@@ -69,7 +72,8 @@ def validate(
     InputError
         A pattern is about no rule.
     NotFoundError, StoreError, DemFormatError
-        There is no such file, the system refuses to read it, or somebody is writing; an elevation file cannot be read.
+        There is no such file, the system refuses to read it, somebody is writing; the directory has nothing of VPF; an
+        elevation file cannot be read.
 
     Examples
     --------
@@ -82,12 +86,25 @@ def validate(
     """
     path = Path(path)
     if path.is_dir():
-        raise InputError(f"{path}: found a folder, expected a store: directories of VPF are not checked")
+        if dem:
+            raise InputError(
+                f"{path}: found a directory of VPF with elevation files, expected a store: only that is measured"
+            )
+        return _validate_vpf(path, only, skip)
     if not path.is_file():
         raise NotFoundError(f"{path}: found no such file, expected a store")
     rules = chosen_rules(STORE_RULES, only, skip)
     with open_store_data(path, dem) as data:
         findings, left_out = run(rules, _store_stages(data), STORE_RULES["unreadable"])
+    return Report(path, tuple(findings), tuple(left_out))
+
+
+def _validate_vpf(path: Path, only: Sequence[str], skip: Sequence[str]) -> Report:
+    rules = chosen_rules(VPF_RULES, only, skip)
+    target = find_target(path)
+    if target is None:
+        raise NotFoundError(f"{path}: found nothing of VPF, expected a database, a library or a coverage")
+    findings, left_out = run(rules, vpf_stages(target), VPF_RULES["table_header"])
     return Report(path, tuple(findings), tuple(left_out))
 
 

@@ -161,9 +161,8 @@ def check_index_boxes(tile: TileData) -> Iterator[Defects]:
         width = extent[2:] - extent[:2]
         with np.errstate(invalid="ignore", divide="ignore"):
             low, high = (STEPS * ((part - extent[:2]) / width) for part in np.split(boxes[index.ids - 1], 2, axis=1))
-            is_short = (index.boxes[:, :2] > np.clip(low, 0, STEPS)) | (
-                index.boxes[:, 2:] < np.clip(high, 0, STEPS) - 1
-            )
+            is_short = index.boxes[:, :2] > np.clip(low, 0, STEPS) + SLACK
+            is_short |= index.boxes[:, 2:] < np.clip(high, 0, STEPS) - 1 - SLACK  # readers look one step farther
         wrong = np.flatnonzero(is_short.any(axis=1))
         yield from some(wrong, _describe_entry(_name(tile, name), index, boxes))
         yield from some(index.misplaced, _describe_misplaced(_name(tile, name)))

@@ -9,15 +9,13 @@ from numpy.typing import NDArray
 
 from vpfx.validate.report import ERROR, Defects, Rule, some
 from vpfx.validate.vpf.evpf_tiles import TILE
-from vpfx.validate.vpf.hierarchy import EvpfData, EvpfTile
+from vpfx.validate.vpf.hierarchy import BESIDE, EvpfTile, spacing_of
 
-__all__ = ["RULES", "border_lines", "face_shapes", "spacing_of"]
+__all__ = ["RULES", "border_lines", "face_shapes"]
 
 Ids = NDArray[np.int64]
 Floats = NDArray[np.float64]
 
-BESIDE = 2.0
-"""Spacings of numbers by which a corner of a child may lie beside its parent (R-181)."""
 SLIVERS = 4.0
 """Spacings of numbers times the perimeter by which areas may differ (R-181)."""
 NESTED_AREA, SHARED_AREA = 1e-12, 1e-8
@@ -60,15 +58,6 @@ def face_shapes(tile: EvpfTile) -> tuple[Floats, Floats, Floats]:
     area = (to_b[:, 0] * to_c[:, 1] - to_b[:, 1] * to_c[:, 0]) / 2
     sides = corners - np.roll(corners, -1, axis=1)
     return corners, area, np.hypot(sides[..., 0], sides[..., 1]).sum(axis=1)
-
-
-def spacing_of(data: EvpfData) -> float:
-    """Spacing of numbers, as coordinates are written, at the greatest of the extent."""
-    lattice = data.lattice
-    assert lattice is not None
-    ends = (lattice.x0, lattice.x0 + lattice.dx * lattice.n_col, lattice.y0, lattice.y0 + lattice.dy * lattice.n_row)
-    greatest = max(abs(number) for number in ends)
-    return float(np.spacing(greatest if data.is_double else np.float32(greatest)))
 
 
 def check_nesting(tile: EvpfTile) -> Iterator[Defects]:

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vpfx.validate.report import ERROR, Defects, Rule, one, some
-from vpfx.validate.vpf.hierarchy import EvpfTile, LevelTables
+from vpfx.validate.vpf.hierarchy import BESIDE, EvpfTile, LevelTables, spacing_of
 from vpfx.validate.vpf.tile import Plane
 
 __all__ = ["RULES"]
@@ -96,8 +96,22 @@ def check_junctions(tile: EvpfTile) -> Iterator[Defects]:
         starts, nodes = tile.ring_nodes
         known = np.repeat(np.arange(1, len(starts)), np.diff(starts)) * (n_node + 1) + nodes
         is_wrong = ~np.isin(face * (n_node + 1) + node, known)
-    message = "found node {} in a side of face {}, expected one that is on its ring, by face and node".format
+        if not is_wrong.any() and tile.has_three_corners:
+            is_wrong = _beside_sides(tile, face, node) > BESIDE * spacing_of(tile.level.evpf)
+    message = "found node {} in a side of face {}, expected one that lies there, by face and node".format
     yield from some(np.flatnonzero(is_wrong), tile.tell(name, lambda i: message(node[i] + 1, face[i] + 1)))
+
+
+def _beside_sides(tile: EvpfTile, face: Ids, node: Ids) -> NDArray[np.float64]:
+    """How far nodes lie from the nearest side between corners of their faces, float64 (n,)."""
+    places = tile.tile.node_places
+    assert places is not None
+    start = places[tile.corners[face - 1], :2]
+    way, to_node = np.roll(start, -1, axis=1) - start, places[node, None, :2] - start
+    along = np.clip((to_node * way).sum(axis=2) / (way**2).sum(axis=2), 0.0, 1.0)
+    rest = to_node - along[..., None] * way
+    nearest: NDArray[np.float64] = np.hypot(rest[..., 0], rest[..., 1]).min(axis=1)
+    return nearest
 
 
 def check_nodes(tile: EvpfTile) -> Iterator[Defects]:

@@ -24,7 +24,7 @@ __all__ = ["RULES", "ClassData"]
 Ids = NDArray[np.int64]
 
 CODED = 0.5
-"""Of the different values of a column: where more are described, the column is one of codes."""
+"""Of the different values of a column: where that many are described, the column is one of codes."""
 MOST_VALUES = 10_000
 """Different values of a column beyond which it is none of codes."""
 
@@ -138,7 +138,7 @@ def _check_codes(data: ClassData, table: TableData, column: Column) -> Iterator[
         if len(seen) > MOST_VALUES:
             return
     unknown = {value: row for value, row in seen.items() if value not in described}
-    if unknown and len(unknown) < CODED * len(seen):
+    if unknown and len(unknown) <= CODED * len(seen):
         where = f"table={table.where} column={column.name} row={min(unknown.values())}"
         first = min(unknown, key=lambda value: unknown[value])
         yield one(

@@ -72,24 +72,31 @@ class Folder:
     files, folders : dict of str to Path
     outside : tuple of str
         Names of links that lead out of the root, and of what is neither file nor directory.
+    problem : str
+        Why the directory cannot be listed; empty if it can.
     """
 
     def __init__(self, root: Path, path: Path, where: str) -> None:
         self.root, self.path, self.where = root, path, where
         self.files: dict[str, Path] = {}
         self.folders: dict[str, Path] = {}
-        outside = []
-        base = os.path.realpath(root)
-        with os.scandir(path) as entries:
+        self.outside: tuple[str, ...] = ()
+        self.problem = ""
+        try:
+            self._list(os.path.realpath(root))
+        except OSError as error:
+            self.problem = f"cannot be read: {error.strerror}"
+
+    def _list(self, base: str) -> None:
+        with os.scandir(self.path) as entries:
             for entry in sorted(entries, key=lambda entry: (entry.name.endswith("."), entry.name)):
                 real = os.path.realpath(entry.path) if entry.is_symlink() else ""
                 is_outside = bool(real) and real != base and not real.startswith(os.path.join(base, ""))
                 if is_outside or not (entry.is_file() or entry.is_dir()):
-                    outside.append(entry.name)
+                    self.outside = (*self.outside, entry.name)
                     continue
                 kept = self.files if entry.is_file() else self.folders
                 kept.setdefault(entry.name.rstrip(".").lower(), Path(entry.path))
-        self.outside = tuple(outside)
 
     @cached_property
     def tables(self) -> dict[str, TableData]:

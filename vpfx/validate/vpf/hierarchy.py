@@ -25,7 +25,7 @@ from vpfx.validate.vpf.tile import TileData
 from vpfx.vpf.table import Table, open_table
 from vpfx.vpf.values import texts
 
-__all__ = ["EvpfData", "EvpfTile", "Lattice", "LevelTables", "Sums", "TileRows"]
+__all__ = ["BESIDE", "EvpfData", "EvpfTile", "Lattice", "LevelTables", "Sums", "TileRows", "spacing_of"]
 
 Ids = NDArray[np.int64]
 Floats = NDArray[np.float64]
@@ -33,6 +33,8 @@ Floats = NDArray[np.float64]
 MOST_LEVELS = 1000
 MOST_ROWS = 1_000_000
 """Rows of a table of names that are looked at."""
+BESIDE = 2.0
+"""Spacings of numbers by which a corner of a child may lie beside its parent, or a node beside its edge (R-181)."""
 BY_TILE = ("tinface.aft", "tinnode.pft", "parent.rat", "own.rat", "tjunct.rat")
 
 
@@ -327,3 +329,12 @@ class EvpfData:
                     before.before = None
                 before = EvpfTile(level, tile_id, before)
                 yield before
+
+
+def spacing_of(data: EvpfData) -> float:
+    """Spacing of numbers, as coordinates are written, at the greatest of the extent."""
+    lattice = data.lattice
+    assert lattice is not None
+    ends = (lattice.x0, lattice.x0 + lattice.dx * lattice.n_col, lattice.y0, lattice.y0 + lattice.dy * lattice.n_row)
+    greatest = max(abs(number) for number in ends)
+    return float(np.spacing(greatest if data.is_double else np.float32(greatest)))

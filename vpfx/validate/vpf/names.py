@@ -65,6 +65,9 @@ def check_names(data: FolderData) -> Iterator[Defects]:
 
 def check_missing(data: FolderData) -> Iterator[Defects]:
     """Tables that no reader does without are there."""
+    if data.folder.problem:
+        yield one(data.place, data.folder.problem)
+        return
     wanted = list(MANDATORY[data.kind])
     files, tile = data.folder.files, data.tile
     if tile is not None and "edg" in files:

@@ -43,7 +43,7 @@ def _library_stages(library: LibraryData) -> Iterator[Stage]:
     keys = tuple(library.folder.place(name) for name in ("cat", "grt", "lht"))
     yield Stage("folder", library_folder(library), keys)
     if library.tileref is not None:
-        yield Stage("library", LibraryTiles(library), (library.tileref.folder.where,))
+        yield Stage("library", LibraryTiles(library), (library.folder.where or ".",))
     for name in library.coverage_paths:
         yield from _coverage_stages(library.coverage(name))
     evpf = EvpfData.find(library)
