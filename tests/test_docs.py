@@ -67,6 +67,14 @@ def test_worked_values_of_vpf_are_right():
     assert result.failed == 0
 
 
+def test_worked_directory_is_right(tmp_path, monkeypatch):
+    """The same of the page of the VPF extension."""
+    monkeypatch.chdir(tmp_path)
+    result = doctest.testfile(str(PAGES["E"]), module_relative=False, encoding="utf-8")
+    assert result.attempted > 30
+    assert result.failed == 0
+
+
 def test_sql_on_the_page_runs(worked):
     """The queries that show how to read a store find the tile and its two faces."""
     folder, _ = worked

@@ -403,7 +403,7 @@ def test_headers(exported):
         "id": 1, "data_type": "MAP", "units": "M", "ellipsoid_name": "WGS 84",
         "ellipsoid_detail": "A=6378137.0 B=6356752.3 Meters", "vert_datum_name": None, "vert_datum_code": None,
         "sound_datum_name": None, "sound_datum_code": None, "geo_datum_name": "WGS 84", "geo_datum_code": "WGE",
-        "projection_name": "WGS 84 / UTM zone 13",
+        "projection_name": "UTM zone 13N",
     }  # fmt: skip
     assert rows_of(library / "cat", "coverage_name", "level") == [(name, 3) for name in coverages]
     assert len(read(library / "dqt")["id"]) == 1

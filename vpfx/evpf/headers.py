@@ -134,7 +134,8 @@ def reference_row(store: StoreReader) -> dict[str, Any]:
         plain = crs.datum.name.lower().replace("_", " ").removesuffix(" ensemble")
         row["geo_datum_name"], row["geo_datum_code"] = DATUMS.get(plain, (_ascii(crs.datum.name, 15), OTHER_DATUM))
     if not crs.is_geographic:
-        row["projection_name"] = _ascii(crs.name, 20)
+        name = crs.name if crs.coordinate_operation is None else crs.coordinate_operation.name
+        row["projection_name"] = _ascii(name, 20)
     return row
 
 
