@@ -306,7 +306,7 @@ def test_void_faces(tiles):
         ground = sum((-tile.area(tile.walk(row, starts[row - 1])) for row in tile.fac["id"][1:n_given]), Fraction(0))
         rings = [(row, start) for row, start in zip(tile.rng["face_id"], tile.rng["start_edge"], strict=True) if start]
         round_it = [tile.area(tile.walk(row, start)) for row, start in rings if row == 1 or row > n_given]
-        assert sum(round_it, Fraction(0)) == ground  # contours less voids
+        assert sum(round_it, Fraction(0)) == ground  # rims less voids
 
 
 def test_nodes_lead_round_their_tiles(tiles):

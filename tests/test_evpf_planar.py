@@ -75,7 +75,7 @@ def test_void_faces_are_what_a_flood_finds(is_kept):
     name = {}
     for edge, (p, q) in enumerate(edge_nodes.tolist()):
         for i in (0, 1):
-            face = int(graph.half_face[2 * edge + i])
+            face = int(graph.way_face[2 * edge + i])
             if face in range(1, graph.n_face + 1):
                 assert kept[face - 1] in beside[min(p, q), max(p, q)]
                 continue
@@ -88,8 +88,8 @@ def test_void_faces_are_what_a_flood_finds(is_kept):
     assert len(set(name) - {OUTSIDE}) <= n_region  # a region that no side faces is one of no kept triangle
     assert graph.n_void == len(set(name) - {OUTSIDE})
     n_node = len(np.unique(edge_nodes))
-    n_contour = len(graph.ring_face) - 1 - graph.n_face - graph.n_void
-    assert n_node - len(edge_nodes) + 1 + graph.n_face + graph.n_void == 1 + n_contour
+    n_rim = len(graph.ring_face) - 1 - graph.n_face - graph.n_void
+    assert n_node - len(edge_nodes) + 1 + graph.n_face + graph.n_void == 1 + n_rim
     outer = [
         int(graph.ring_start[graph.ring_face == face][0])
         for face in range(graph.n_face + 1, 1 + graph.n_face + graph.n_void)

@@ -33,13 +33,13 @@ def _nowhere(n: int) -> Elsewhere:
 
 
 def faces_elsewhere(tiles: LevelTiles, tile: int, face_ids: Ints) -> Elsewhere:
-    """Faces of other tiles among those of half-edges.
+    """Faces of other tiles among those of ways.
 
     Parameters
     ----------
     tiles : LevelTiles
     tile : int
-        The tile that the half-edges are of.
+        The tile that the ways are of.
     face_ids : int64 (n,)
         As the store names them; -1 is the outside.
     """

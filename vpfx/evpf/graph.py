@@ -96,8 +96,8 @@ def read_graph(tiles: LevelTiles, tile: int, extent: Extent, *, is_double: bool)
     store_faces = np.stack([edges["left_face"], edges["right_face"]], axis=1)
     _check_faces(tiles, tile, planar, store_faces, has_junctions=len(numbers.junctions[0]) > 0)
     next_edges = np.stack([edges["left_edge"], edges["right_edge"]], axis=1)
-    faces = _triplets(planar.half_face, faces_elsewhere(tiles, tile, store_faces.ravel()))
-    links = _triplets(planar.half_next, edges_elsewhere(tiles, tile, numbers, next_edges.ravel()))
+    faces = _triplets(planar.way_face, faces_elsewhere(tiles, tile, store_faces.ravel()))
+    links = _triplets(planar.way_next, edges_elsewhere(tiles, tile, numbers, next_edges.ravel()))
     first_edge = _triplets(numbers.first_edge(), nodes_elsewhere(tiles, tile, numbers))
     return TileGraph(
         tile + 1, extent, numbers, nodes, xyz, edge_nodes, planar, first_edge, faces.reshape(-1, 2, 3),
@@ -140,9 +140,9 @@ def _check_faces(tiles: LevelTiles, tile: int, planar: Planar, store_faces: Ints
     named = np.flatnonzero(store_faces.ravel() >= 0)
     ids = store_faces.ravel()[named]
     is_here = tiles.tile_of_faces(ids) == tile
-    is_given = (planar.half_face > OUTSIDE) & (planar.half_face <= planar.n_face)
+    is_given = (planar.way_face > OUTSIDE) & (planar.way_face <= planar.n_face)
     is_given[named] = False
-    differs = (planar.half_face[named[is_here]] + 1 != tiles.fac_ids(ids[is_here])).any()
+    differs = (planar.way_face[named[is_here]] + 1 != tiles.fac_ids(ids[is_here])).any()
     if differs or (is_given.any() and not has_junctions):  # beside a shorter edge lies the face whose edge is in pieces
         raise tiles.broken(tile, "found an edge whose faces do not name it", "R-160")
 

@@ -7,7 +7,7 @@ Nothing is taken from links stored elsewhere, so that both can be compared::
     g --v-- u       edge that no face has a side along that ends at v. If v has several such edges, directions decide,
                     and are compared exactly.
 
-Half-edge 2·e + i runs along edge e towards its start (i = 0) or its end (i = 1). To its right is what is swept first from e
+Way 2·e + i runs along edge e towards its start (i = 0) or its end (i = 1). To its right is what is swept first from e
 round that node: `left_face` and `left_edge` for 0, `right_face` and `right_edge` for 1 (specs/format.md R-161).
 """
 
@@ -56,9 +56,9 @@ class Planar(NamedTuple):
 
     Attributes
     ----------
-    half_face : int64 (2 * n_edge,)
-        Face to the right of each half-edge.
-    half_next : int64 (2 * n_edge,)
+    way_face : int64 (2 * n_edge,)
+        Face to the right of each way.
+    way_next : int64 (2 * n_edge,)
         Edge met next, counter-clockwise round its end.
     ring_face, ring_start : int64 (n_ring,)
         Rings by face, outer ring first; -1 is the start of the outer ring that the universe lacks.
@@ -68,8 +68,8 @@ class Planar(NamedTuple):
         Void faces.
     """
 
-    half_face: Ints
-    half_next: Ints
+    way_face: Ints
+    way_next: Ints
     ring_face: Ints
     ring_start: Ints
     n_face: int
@@ -103,9 +103,9 @@ def planar_graph(xy: Floats, edge_nodes: Ints, sides: Sides) -> Planar:
     >>> edges = np.array([[0, 2], [0, 1], [1, 2], [2, 3], [3, 0]])
     >>> sides = Sides(np.array([0, 1, 2, 0, 2, 3]), np.array([1, 2, 0, 0, 3, 4]), np.array([0, 3, 6]))
     >>> graph = planar_graph(xy, edges, sides)
-    >>> graph.half_face.reshape(-1, 2).tolist()  # left, right
+    >>> graph.way_face.reshape(-1, 2).tolist()  # left, right
     [[2, 1], [1, 0], [1, 0], [2, 0], [2, 0]]
-    >>> graph.half_next.reshape(-1, 2).tolist()
+    >>> graph.way_next.reshape(-1, 2).tolist()
     [[4, 2], [0, 2], [1, 3], [0, 4], [3, 1]]
     >>> list(zip(graph.ring_face.tolist(), graph.ring_start.tolist()))
     [(0, -1), (0, 1), (1, 1), (2, 0)]
@@ -114,62 +114,93 @@ def planar_graph(xy: Floats, edge_nodes: Ints, sides: Sides) -> Planar:
     face_of = np.repeat(np.arange(n_face), np.diff(sides.first))
     before = np.arange(len(sides.edge)) - 1
     before[sides.first[:-1]] = sides.first[1:] - 1
-    half = 2 * sides.edge + (sides.start != edge_nodes[sides.edge, 0])
-    half_face = np.full(2 * len(edge_nodes), -1, np.int64)
-    half_next = np.full(2 * len(edge_nodes), -1, np.int64)
-    half_face[half], half_next[half] = face_of + 1, sides.edge[before]
-    outside = np.flatnonzero(half_face < 0)
-    follower = _followers(xy, edge_nodes, outside)
-    walk, cycle, n_cycle = _cycles(follower)
-    is_contour = _contours(xy, edge_nodes, outside, follower, cycle, n_cycle)
-    lowest = np.full(n_cycle, len(edge_nodes), np.int64)
-    np.minimum.at(lowest, cycle, outside // 2)
-    voids = np.flatnonzero(~is_contour)
+    way = 2 * sides.edge + (sides.start != edge_nodes[sides.edge, 0])
+    way_face = np.full(2 * len(edge_nodes), -1, np.int64)
+    way_next = np.full(2 * len(edge_nodes), -1, np.int64)
+    way_face[way], way_next[way] = face_of + 1, sides.edge[before]
+    outside = np.flatnonzero(way_face < 0)
+    outline = _outline(xy, edge_nodes[outside // 2, 1 - outside % 2], edge_nodes[outside // 2, outside % 2])
+    is_rim = _rims(xy, outline)
+    lowest = np.full(len(is_rim), len(edge_nodes), np.int64)
+    np.minimum.at(lowest, outline.cycle, outside // 2)
+    voids = np.flatnonzero(~is_rim)
     voids = voids[np.argsort(lowest[voids])]
-    cycle_face = np.full(n_cycle, OUTSIDE, np.int64)
+    cycle_face = np.full(len(is_rim), OUTSIDE, np.int64)
     cycle_face[voids] = n_face + 1 + np.arange(len(voids))
-    if len(voids) and is_contour.sum() > 1:
-        node = edge_nodes[outside // 2, outside % 2]
-        cycle_face[is_contour] = _faces_round(xy, node, walk, cycle, is_contour, cycle_face)
-    half_face[outside], half_next[outside] = cycle_face[cycle], outside[follower] // 2
+    if len(voids) and is_rim.sum() > 1:
+        cycle_face[is_rim] = _faces_round(xy, outline, is_rim, cycle_face)
+    way_face[outside], way_next[outside] = cycle_face[outline.cycle], outside[outline.follower] // 2
     ring_face = np.concatenate([[OUTSIDE], np.arange(1, n_face + 1), cycle_face])
     ring_start = np.concatenate([[-1], sides.edge[sides.first[:-1]], lowest])
-    is_inner = np.concatenate([np.zeros(n_face + 1, bool), is_contour])
+    is_inner = np.concatenate([np.zeros(n_face + 1, bool), is_rim])
     order = np.lexsort((ring_start, is_inner, ring_face))
-    return Planar(half_face, half_next, ring_face[order], ring_start[order], n_face, len(voids))
+    return Planar(way_face, way_next, ring_face[order], ring_start[order], n_face, len(voids))
 
 
-def _followers(xy: Floats, edge_nodes: Ints, outside: Ints) -> Ints:
-    """Place of the next half-edge over the outside of each one given; ascending half-edges."""
-    at_end, at_start = edge_nodes[outside // 2, outside % 2], edge_nodes[outside // 2, 1 - outside % 2]
-    leaving = np.argsort(at_start, kind="stable")
-    node, first, count = np.unique(at_start[leaving], return_index=True, return_counts=True)
-    row = np.searchsorted(node, at_end)
+class _Outline(NamedTuple):
+    """Ways with the outside to their right.
+
+    Attributes
+    ----------
+    start, end : int64 (n_way,)
+        Nodes.
+    follower : int64 (n_way,)
+        Place of the next one.
+    walk : int64 (n_way,)
+        Places, cycle by cycle, as they follow each other.
+    cycle : int64 (n_way,)
+        Number of the cycle of each.
+    """
+
+    start: Ints
+    end: Ints
+    follower: Ints
+    walk: Ints
+    cycle: Ints
+
+
+def _outline(xy: Floats, start: Ints, end: Ints) -> _Outline:
+    """Join ways over the outside."""
+    leaving = np.argsort(start, kind="stable")
+    node, first, count = np.unique(start[leaving], return_index=True, return_counts=True)
+    row = np.searchsorted(node, end)
     if not np.array_equal(np.bincount(row, minlength=len(node)), count):
         raise InvariantError("planar graph: found an outline that does not close")
     follower = leaving[first[row]]
-    several = np.flatnonzero(count[row] > 1)
-    if len(several):
-        _turn(xy, at_end, at_start, several, leaving[count[np.searchsorted(node, at_start[leaving])] > 1], follower)
-    return follower
+    arriving = np.flatnonzero(count[row] > 1)
+    if len(arriving):
+        several = np.flatnonzero(count[np.searchsorted(node, start)] > 1)
+        follower[arriving] = _turn(
+            xy, np.stack([end[arriving], start[arriving]]), np.stack([start[several], end[several]]), several
+        )
+    return _Outline(start, end, follower, *_cycles(follower))
 
 
-def _turn(xy: Floats, at_end: Ints, at_start: Ints, arriving: Ints, leaving: Ints, follower: Ints) -> None:
-    """Fill the followers of half-edges that arrive where several leave: the first counter-clockwise."""
-    node = np.concatenate([at_end[arriving], at_start[leaving]])
-    away = np.concatenate([at_start[arriving], at_end[leaving]])
-    what = np.concatenate([arriving, leaving])
+def _turn(xy: Floats, arriving: Ints, leaving: Ints, number: Ints) -> Ints:
+    """Numbers of the ways that follow those that arrive where several leave: the first counter-clockwise.
+
+    Parameters
+    ----------
+    xy : float64 (n_node, 2)
+    arriving, leaving : int64 (2, n)
+        The node, and the other end.
+    number : int64 (n,)
+        Of those that leave.
+    """
+    node, away = np.concatenate([arriving, leaving], axis=1)
+    n = arriving.shape[1]
     order, same = by_direction(xy, node, away)
     if len(same):
         raise InvariantError("planar graph: found edges that lie on each other")
-    node, is_arriving, what = node[order], (order < len(arriving)), what[order]
-    is_first = np.append(True, node[1:] != node[:-1])
-    group = np.flatnonzero(is_first)
+    node, is_arriving = node[order], order < n
+    group = np.flatnonzero(np.append(True, node[1:] != node[:-1]))
     after = np.arange(1, len(node) + 1)
     after[np.append(group[1:], len(node)) - 1] = group
     if (is_arriving == is_arriving[after]).any():
         raise InvariantError("planar graph: found faces that lie on each other")
-    follower[what[is_arriving]] = what[after[is_arriving]]
+    found = np.empty(n, np.int64)
+    found[order[is_arriving]] = number[order[after[is_arriving]] - n]
+    return found
 
 
 def by_direction(xy: Floats, node: Ints, away: Ints) -> tuple[Ints, Ints]:
@@ -193,9 +224,9 @@ def by_direction(xy: Floats, node: Ints, away: Ints) -> tuple[Ints, Ints]:
     >>> by_direction(xy, np.zeros(4, int), np.array([1, 2, 3, 4]))
     (array([0, 2, 3, 1]), array([1]))
     """
-    way = xy[away] - xy[node]
-    half = np.where((way[:, 1] > 0) | ((way[:, 1] == 0) & (way[:, 0] > 0)), 0, 1)
-    order = np.lexsort((np.arctan2(way[:, 1], way[:, 0]) % (2 * np.pi), half, node))
+    step = xy[away] - xy[node]
+    half = np.where((step[:, 1] > 0) | ((step[:, 1] == 0) & (step[:, 0] > 0)), 0, 1)
+    order = np.lexsort((np.arctan2(step[:, 1], step[:, 0]) % (2 * np.pi), half, node))
     turn = _turns(xy, node[order], away[order], half[order])
     for at in np.unique(node[order[np.flatnonzero(turn < 0)]]).tolist():  # doubles told the order wrong: next to none
         place = np.flatnonzero(node[order] == at)
@@ -218,9 +249,9 @@ def _turns(xy: Floats, node: Ints, away: Ints, half: Ints) -> NDArray[np.int8]:
 
 @njit(nogil=True, cache=True)
 def _cycles(follower):
-    """Items cycle by cycle, as they follow each other; the number of the cycle of each item; how many cycles there are."""
-    walk, cycle, count = np.empty(len(follower), np.int64), np.full(len(follower), -1, np.int64), 0
-    place = 0
+    """Items cycle by cycle, as they follow each other, and the number of the cycle of each item."""
+    walk, cycle = np.empty(len(follower), np.int64), np.full(len(follower), -1, np.int64)
+    place, count = 0, 0
     for first in range(len(follower)):
         if cycle[first] >= 0:
             continue
@@ -229,46 +260,45 @@ def _cycles(follower):
             walk[place], cycle[at] = at, count
             place, at = place + 1, follower[at]
         count += 1
-    return walk, cycle, count
+    return walk, cycle
 
 
-def _contours(
-    xy: Floats, edge_nodes: Ints, outside: Ints, follower: Ints, cycle: Ints, n_cycle: int
-) -> NDArray[np.bool_]:
-    """Tell which cycles run round ground, not round a void: at their western node the outside lies to the west too.
+def _rims(xy: Floats, outline: _Outline) -> NDArray[np.bool_]:
+    """Tell which cycles are rims, not round a void: at their western node the outside lies to the west too.
 
     All edges there run east, or north; a sector swept from one to the next has the west in it if it turns right.
     """
-    u, v = edge_nodes[outside // 2, 1 - outside % 2], edge_nodes[outside // 2, outside % 2]
-    w = v[follower]
-    order = np.lexsort((xy[v, 1], xy[v, 0], cycle))
-    first = order[np.searchsorted(cycle[order], np.arange(n_cycle))]
-    at = np.flatnonzero(v == v[first][cycle])
+    u, v, w = outline.start, outline.end, outline.end[outline.follower]
+    western = v[_western(xy, outline)]
+    at = np.flatnonzero(v == western[outline.cycle])
     turns_right = orientations(xy[v[at]], xy[u[at]], xy[w[at]]) < 0
-    is_contour = np.zeros(n_cycle, bool)
-    is_contour[cycle[at[turns_right]]] = True
-    return is_contour
+    is_rim = np.zeros(len(western), bool)
+    is_rim[outline.cycle[at[turns_right]]] = True
+    return is_rim
 
 
-def _faces_round(
-    xy: Floats, node: Ints, walk: Ints, cycle: Ints, is_contour: NDArray[np.bool_], cycle_face: Ints
-) -> Ints:
-    """Face that each contour lies in: the smallest void face round it, or the universe.
+def _western(xy: Floats, outline: _Outline) -> Ints:
+    """Place of a way of each cycle that ends at its western, of these its southern node."""
+    order = np.lexsort((xy[outline.end, 1], xy[outline.end, 0], outline.cycle))
+    first = np.searchsorted(outline.cycle[order], np.arange(outline.cycle.max(initial=-1) + 1))
+    return order[first]
 
-    GEOS tells by exact orientation whether a place lies in a ring. The western node of a contour lies in none of the void
+
+def _faces_round(xy: Floats, outline: _Outline, is_rim: NDArray[np.bool_], cycle_face: Ints) -> Ints:
+    """Face that each rim lies in: the smallest void face round it, or the universe.
+
+    GEOS tells by exact orientation whether a place lies in a ring. The western node of a rim lies in none of the void
     faces of its own ground, at most on one.
     """
-    of_void = walk[~is_contour[cycle[walk]]]  # cycle by cycle, ascending
-    voids, ring = np.unique(cycle[of_void], return_inverse=True)
-    polygons = shapely.polygons(shapely.linearrings(xy[node[of_void]], indices=ring))
+    of_void = outline.walk[~is_rim[outline.cycle[outline.walk]]]  # cycle by cycle, ascending
+    voids, ring = np.unique(outline.cycle[of_void], return_inverse=True)
+    polygons = shapely.polygons(shapely.linearrings(xy[outline.end[of_void]], indices=ring))
     shapely.prepare(polygons)
-    order = np.lexsort((xy[node, 1], xy[node, 0], cycle))
-    contours = np.flatnonzero(is_contour)
-    points = shapely.points(xy[node[order[np.searchsorted(cycle[order], contours)]]])
+    points = shapely.points(xy[outline.end[_western(xy, outline)[is_rim]]])
     point, polygon = shapely.STRtree(polygons).query(points)
     is_in = shapely.contains_properly(polygons[polygon], points[point])
     point, polygon = point[is_in], polygon[is_in]
-    found = np.full(len(contours), OUTSIDE, np.int64)
+    found = np.full(len(points), OUTSIDE, np.int64)
     by_area = np.argsort(-shapely.area(polygons[polygon]), kind="stable")
     found[point[by_area]] = cycle_face[voids[polygon[by_area]]]
     return found

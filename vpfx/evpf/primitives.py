@@ -68,8 +68,8 @@ def face_boxes(xy: Floats, edge_nodes: Ints, sides: Sides, planar: Planar, exten
     given = slice(1, planar.n_face + 1)
     boxes[given, :2] = np.minimum.reduceat(xy[sides.start], sides.first[:-1])
     boxes[given, 2:] = np.maximum.reduceat(xy[sides.start], sides.first[:-1])
-    half = np.flatnonzero(planar.half_face > planar.n_face)
-    face, at = planar.half_face[half], xy[edge_nodes[half // 2, half % 2]]
+    half = np.flatnonzero(planar.way_face > planar.n_face)
+    face, at = planar.way_face[half], xy[edge_nodes[half // 2, half % 2]]
     np.minimum.at(boxes[:, :2], face, at)
     np.maximum.at(boxes[:, 2:], face, at)
     boxes[0, :2], boxes[0, 2:] = boxes[1:, :2].min(axis=0), boxes[1:, 2:].max(axis=0)

@@ -87,7 +87,7 @@ def write_tileref(coverage: Folder, tiling: Tiling, extents: Floats, *, is_doubl
     np.minimum.at(first_edge, edge_nodes.ravel(), np.repeat(np.arange(len(edge_nodes)), 2))
     tables = Primitives(
         "B" if is_double else "C", places, edge_nodes, straight(places, edge_nodes), _inner(first_edge),
-        _inner(planar.half_face.reshape(-1, 2)), _inner(planar.half_next.reshape(-1, 2)), planar, boxes,
+        _inner(planar.way_face.reshape(-1, 2)), _inner(planar.way_next.reshape(-1, 2)), planar, boxes,
     )  # fmt: skip
     write_primitives(coverage, tables, boxes[0].tolist(), is_tiled=False)
     ids = np.arange(1, tiling.n_tile + 1)
