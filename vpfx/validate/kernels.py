@@ -14,6 +14,7 @@ __all__ = [
     "measure_posts",
     "measure_rises",
     "measure_slopes",
+    "measure_tiles",
     "walk_chains",
     "walk_slits",
 ]
@@ -348,3 +349,33 @@ def measure_posts(places, face_nodes, is_filled, heights, on_line, error, void_o
                 off = abs(z_low + part * (z_high - z_low) - heights[row, col])
                 if not off <= error[row, col]:
                     error[row, col] = off
+
+
+@njit(nogil=True, cache=True)
+def measure_tiles(nodes, face_nodes, tile, boxes, is_inside, area, perimeter):
+    """Compare faces with the extents of their tiles, and add up areas and perimeters tile by tile.
+
+    Parameters
+    ----------
+    nodes : float64 (n_node, 3)
+    face_nodes : int32 (n_face, 3)
+    tile : int64 (n_face,)
+        Index of the tile of each face.
+    boxes : float64 (n_tile, 4)
+    is_inside : bool (n_face,)
+        Takes whether the face lies in the extent.
+    area, perimeter : float64 (n_tile,)
+        Take the sums, 0 at first.
+    """
+    for face in range(len(face_nodes)):
+        a, b, c = face_nodes[face]
+        box = boxes[tile[face]]
+        inside = True
+        for node in (a, b, c):
+            x, y = nodes[node, 0], nodes[node, 1]
+            inside = inside and x >= box[0] and y >= box[1] and x <= box[2] and y <= box[3]
+        is_inside[face] = inside
+        x1, y1 = nodes[b, 0] - nodes[a, 0], nodes[b, 1] - nodes[a, 1]
+        x2, y2 = nodes[c, 0] - nodes[a, 0], nodes[c, 1] - nodes[a, 1]
+        area[tile[face]] += (x1 * y2 - x2 * y1) / 2
+        perimeter[tile[face]] += np.hypot(x1, y1) + np.hypot(x2, y2) + np.hypot(x2 - x1, y2 - y1)

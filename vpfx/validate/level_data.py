@@ -9,11 +9,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vpfx.exact import face_turns
+from vpfx.store.tiles import Tiling
 from vpfx.validate.kernels import face_at_edges, find_dense
 from vpfx.validate.outside import Outside, Slits, find_outside, find_slits
-from vpfx.validate.store_data import RANGED, Line, StoreData
+from vpfx.validate.store_data import RANGED, StoreData
+from vpfx.validate.values import Line
 
-__all__ = ["LevelData", "StepData", "find_ids"]
+__all__ = ["LevelData", "StepData", "border_of", "find_ids"]
 
 SPARSE = 8
 """Numbers between the first and last id for each id, up to which a table of all of them is made."""
@@ -45,6 +47,28 @@ def find_ids(ids: Ids, wanted: NDArray[np.int64]) -> Indices:
         at = np.minimum(np.searchsorted(ids, flat), len(ids) - 1)
         index = np.where(ids[at] == flat, at, -1).astype(np.int32)
     return index.reshape(wanted.shape)
+
+
+def border_of(tiling: Tiling, axis: int, line: Ids, along: NDArray[np.float64]) -> tuple[Ids, Ids]:
+    """Numbers of the borders that places lie on, and their posts from the west or south end (R-152).
+
+    Parameters
+    ----------
+    tiling : Tiling
+    axis : int
+        0 for borders that run east, 1 for those that run north.
+    line : int64 (n,)
+        Line between tile rows, or columns, of each place, counted from the side of the extent; neither that nor the last.
+    along : float64 (n,)
+        Post spacings of each from the western, or southern, side of the extent.
+    """
+    lines = tiling.row_lines if axis else tiling.col_lines
+    post = np.rint(along).astype(np.int64)
+    part = np.clip(np.searchsorted(lines, post, side="right") - 1, 0, len(lines) - 2)
+    border = (line - 1) * tiling.n_tile_col + part
+    if axis:
+        border = (tiling.n_tile_row - 1) * tiling.n_tile_col + part * (tiling.n_tile_col - 1) + line - 1
+    return border, post - lines[part]
 
 
 class LevelData:
@@ -143,6 +167,19 @@ class LevelData:
     def outside(self) -> Outside:
         """Edges without a face on one hand."""
         return find_outside(self.edge_nodes, self.edge_faces, self.data.places)
+
+    @cached_property
+    def borders(self) -> tuple[Ids, Ids]:
+        """Number of the border between tiles that each edge lies on, -1 if none; posts from there to its west or south end."""
+        data, tiling, (start, end) = self.data, self.data.tiling, self.edge_nodes.T
+        border, offset = np.full(len(start), -1, np.int64), np.zeros(len(start), np.int64)
+        for axis in range(2):
+            line = data.lines_of_nodes[start, 1 - axis]
+            is_on = (line > 0) & (line < (tiling.n_tile_row, tiling.n_tile_col)[axis])
+            on = np.flatnonzero(is_on & (line == data.lines_of_nodes[end, 1 - axis]))
+            along = np.minimum(data.places[start[on], axis], data.places[end[on], axis])
+            border[on], offset[on] = border_of(tiling, axis, line[on], along)
+        return border, offset
 
     @cached_property
     def slits(self) -> Slits:

@@ -11,7 +11,8 @@ import numpy as np
 from vpfx.errors import StoreFormatError
 from vpfx.validate.level_data import LevelData, StepData, find_ids
 from vpfx.validate.report import ERROR, MOST_SHOWN, Defects, Rule, one, some
-from vpfx.validate.store_data import RANGED, StoreData, is_number, is_whole
+from vpfx.validate.store_data import RANGED, StoreData
+from vpfx.validate.values import is_number, is_whole
 
 __all__ = ["RULES"]
 

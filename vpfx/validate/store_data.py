@@ -6,14 +6,13 @@ Nothing here is checked: the rules do that. What cannot be read raises `sqlite3.
 from __future__ import annotations
 
 import json
-import math
 import os
 import sqlite3
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
 from functools import cached_property
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,8 +28,9 @@ from vpfx.store.ddl import schema_sql
 from vpfx.store.geopackage import find_srs
 from vpfx.store.tiles import Tiling
 from vpfx.validate.class_data import ClassData, read_class_data
+from vpfx.validate.values import Line, Object
 
-__all__ = ["ALL_IDS", "HEADER", "RANGED", "Line", "Object", "StoreData", "is_number", "is_whole", "open_store_data"]
+__all__ = ["ALL_IDS", "HEADER", "RANGED", "StoreData", "open_store_data"]
 
 HEADER = 100  # bytes
 XYZ_SIZE = 24  # bytes
@@ -42,59 +42,6 @@ ALL_IDS = (1, 2**63 - 1)
 RANGED = ("node", "edge", "face")
 """Tables whose rows lie in ranges of ids, tile by tile and level by level."""
 Rows = list[tuple[Any, ...]]
-
-
-class Line(NamedTuple):
-    """A row of the table `level`, as it stands there."""
-
-    level: Any
-    max_error_bound: Any
-    max_error: Any
-    rmse: Any
-    max_rise: Any
-    post_count: Any
-    node_count: Any
-    edge_count: Any
-    face_count: Any
-    first_border_edge: Any
-    last_border_edge: Any
-    border_digest: Any
-
-
-def is_whole(value: Any, least: int = 0) -> bool:
-    """Tell whether a value is an integer, and not below some other one."""
-    return isinstance(value, int) and not isinstance(value, bool) and value >= least
-
-
-def is_number(value: Any) -> bool:
-    """Tell whether a value is a finite number.
-
-    Examples
-    --------
-    >>> [is_number(value) for value in (1, 2.5, float("inf"), 10**400, True, "1")]
-    [True, True, False, False, False, False]
-    """
-    try:
-        return isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)
-    except OverflowError:
-        return False
-
-
-class Object(NamedTuple):
-    """A row of the table of contents of SQLite.
-
-    Attributes
-    ----------
-    kind : str
-        ``table``, ``view``, ``index`` or ``trigger``.
-    table : str
-        That it belongs to.
-    sql : str or None
-    """
-
-    kind: str
-    table: str
-    sql: str | None
 
 
 @contextmanager
@@ -327,10 +274,18 @@ class StoreData:
         return self.ulp / np.array([lattice["dx"], lattice["dy"]], np.float64)
 
     @cached_property
-    def inner_lines(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """X and y of the borders between tiles."""
-        low, high = self.boxes[:, :2], self.boxes[:, 2:]
-        return tuple(np.intersect1d(low[:, axis], high[:, axis]) for axis in range(2))  # type: ignore[return-value]
+    def lines_of_nodes(self) -> NDArray[np.int64]:
+        """Which line between tile columns, and which between tile rows, each node lies on, bit for bit, (n_node, 2); -1: none.
+
+        The sides of the extent are lines too, the first and the last.
+        """
+        lattice, tiling = self.metadata["lattice"], self.tiling
+        found = np.empty((len(self.xyz), 2), np.int64)
+        for axis, (origin, step, posts) in enumerate((("x0", "dx", tiling.col_lines), ("y0", "dy", tiling.row_lines))):
+            lines, values = lattice[origin] + lattice[step] * posts, self.xyz[:, axis]
+            at = np.minimum(np.searchsorted(lines, values), len(lines) - 1)
+            found[:, axis] = np.where(lines[at] == values, at, -1)
+        return found
 
     @cached_property
     def crs(self) -> CRS | None:
@@ -349,7 +304,7 @@ class StoreData:
         blobs = np.empty((len(self.nodes["node_id"]), XYZ_SIZE), np.uint8)
         cursor, at = self._open().execute("SELECT xyz FROM node WHERE node_id >= 1 ORDER BY node_id"), 0
         while rows := [row[0] for row in cursor.fetchmany(SOME_ROWS)]:
-            if not all(isinstance(blob, bytes) and len(blob) == XYZ_SIZE for blob in rows):
+            if set(map(type, rows)) != {bytes} or set(map(len, rows)) != {XYZ_SIZE}:
                 return blobs[:0]
             blobs[at : at + len(rows)] = np.frombuffer(b"".join(rows), np.uint8).reshape(-1, XYZ_SIZE)
             at += len(rows)

@@ -13,7 +13,8 @@ from vpfx.model import CUTS
 from vpfx.store.contents import METADATA
 from vpfx.store.tiles import LEAST_TILE_SIZE
 from vpfx.validate.report import ERROR, Defects, Rule, one
-from vpfx.validate.store_data import RANGED, Line, StoreData, is_number, is_whole
+from vpfx.validate.store_data import RANGED, StoreData
+from vpfx.validate.values import Line, is_number, is_whole
 
 __all__ = ["RULES"]
 

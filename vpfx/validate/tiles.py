@@ -8,9 +8,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vpfx.store.tiles import LATE_SHARE
-from vpfx.validate.level_data import LevelData
+from vpfx.validate.kernels import measure_tiles
+from vpfx.validate.level_data import LevelData, border_of
 from vpfx.validate.report import ERROR, Defects, Rule, one, some
-from vpfx.validate.store_data import StoreData, is_number
+from vpfx.validate.store_data import StoreData
+from vpfx.validate.values import is_number
 
 __all__ = ["RULES"]
 
@@ -66,31 +68,19 @@ def check_node_places(data: StoreData) -> Iterator[Defects]:
     yield from some(np.flatnonzero(~is_inside), text)
 
 
-def _on_lines(lines: NDArray[np.float64], values: NDArray[np.float64]) -> NDArray[np.int64]:
-    """Which of some ascending numbers each value is, bit for bit; -1 for none."""
-    at = np.minimum(np.searchsorted(lines, values), len(lines) - 1)
-    return np.where(lines[at] == values, at, -1)
-
-
 def check_node_ids(data: StoreData) -> Iterator[Defects]:
     """Nodes on borders and corners have the id of their place and the tile of least id there, others a running one."""
     tiling, ids = data.tiling, data.nodes["node_id"]
     if not tiling.n_border:
         return
-    x, y = _lines(data)
-    col, row = _on_lines(x, data.xyz[:, 0]), _on_lines(y, data.xyz[:, 1])
+    col, row = data.lines_of_nodes.T
     expected = np.zeros(len(ids), np.int64)
     is_corner = (col >= 0) & (row >= 0)
     expected[is_corner] = 1 + row[is_corner] * (tiling.n_tile_col + 1) + col[is_corner]
-    for axis, at, n_line, lines in ((0, row, tiling.n_tile_row, tiling.col_lines),
-                                    (1, col, tiling.n_tile_col, tiling.row_lines)):  # fmt: skip
-        on = np.flatnonzero(~is_corner & (at > 0) & (at < n_line))
-        post = np.rint(data.places[on, axis]).astype(np.int64)
-        part = np.clip(np.searchsorted(lines, post, side="right") - 1, 0, len(lines) - 2)
-        border = (at[on] - 1) * tiling.n_tile_col + part
-        if axis == 1:
-            border = (tiling.n_tile_row - 1) * tiling.n_tile_col + part * (tiling.n_tile_col - 1) + at[on] - 1
-        expected[on] = tiling.n_corner + border * tiling.border_width + post - lines[part]
+    for axis, at in ((0, row), (1, col)):
+        on = np.flatnonzero(~is_corner & (at > 0) & (at < (tiling.n_tile_row, tiling.n_tile_col)[axis]))
+        border, offset = border_of(tiling, axis, at[on], data.places[on, axis])
+        expected[on] = tiling.n_corner + border * tiling.border_width + offset
     is_running = ids > tiling.n_border_node_id
     is_wrong = np.where(expected > 0, ids != expected, ~is_running)
     owner = np.where(expected > 0, tiling.node_owner(np.maximum(expected, 1)) + 1, data.nodes["tile_id"])
@@ -113,32 +103,12 @@ def check_border_ranges(data: StoreData) -> Iterator[Defects]:
             yield one(f"level={line.level}", f"border edges: found {found[0]} … {found[1]}, expected {expected}")
 
 
-def _borders(level: LevelData) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Number of the border that each edge lies on, -1 if none, and posts from there to its west or south end."""
-    data, tiling = level.data, level.data.tiling
-    x, y = _lines(data)
-    start, end = (data.xyz[level.edge_nodes[:, i], :2] for i in range(2))
-    places = np.minimum(data.places[level.edge_nodes[:, 0]], data.places[level.edge_nodes[:, 1]])
-    border, offset = np.full(len(start), -1, np.int64), np.zeros(len(start), np.int64)
-    for axis, across, n_line, lines in ((0, y, tiling.n_tile_row, tiling.col_lines),
-                                        (1, x, tiling.n_tile_col, tiling.row_lines)):  # fmt: skip
-        at = _on_lines(across, start[:, 1 - axis])
-        on = np.flatnonzero((at > 0) & (at < n_line) & (start[:, 1 - axis] == end[:, 1 - axis]))
-        post = np.rint(places[on, axis]).astype(np.int64)
-        part = np.clip(np.searchsorted(lines, post, side="right") - 1, 0, len(lines) - 2)
-        border[on] = (at[on] - 1) * tiling.n_tile_col + part
-        if axis == 1:
-            border[on] = (tiling.n_tile_row - 1) * tiling.n_tile_col + part * (tiling.n_tile_col - 1) + at[on] - 1
-        offset[on] = post - lines[part]
-    return border, offset
-
-
 def check_edge_ids(level: LevelData) -> Iterator[Defects]:
     """Edges on borders, and outline edges that end on one, have the id of their place, others a running one."""
     tiling, edges = level.data.tiling, level.edges
     if not tiling.n_border:
         return
-    border, offset = _borders(level)
+    border, offset = level.borders
     expected = np.zeros(len(border), np.int64)
     on = border >= 0
     expected[on] = tiling.border_edge_id(0, level.level, border[on] * tiling.border_width + offset[on])
@@ -165,7 +135,7 @@ def check_edge_ids(level: LevelData) -> Iterator[Defects]:
 def check_edge_tiles(level: LevelData) -> Iterator[Defects]:
     """An edge is of the tile of its faces, on a border of the lesser tile there."""
     tiling, tile_id = level.data.tiling, level.edges["tile_id"]
-    border, _ = _borders(level)
+    border, _ = level.borders
     of_face = np.append(level.faces["tile_id"], 0)
     left, right = of_face[level.edge_faces].T
     is_inside = ((left == tile_id) | (left == 0)) & ((right == tile_id) | (right == 0))
@@ -182,11 +152,19 @@ def check_edge_tiles(level: LevelData) -> Iterator[Defects]:
     )
 
 
+def _boxes_and_areas(level: LevelData) -> tuple[NDArray[np.bool_], NDArray[np.float64], NDArray[np.float64]]:
+    """Whether each face lies in the extent of its tile; areas and perimeters of the faces of each tile."""
+    if "boxes and areas" not in level.kept:
+        n_tile = len(level.data.tiles)
+        found = np.empty(len(level.face_nodes), np.bool_), np.zeros(n_tile), np.zeros(n_tile)
+        measure_tiles(level.data.xyz, level.face_nodes, level.faces["tile_id"] - 1, level.data.boxes, *found)
+        level.kept["boxes and areas"] = found
+    return level.kept["boxes and areas"]
+
+
 def check_face_places(level: LevelData) -> Iterator[Defects]:
     """A face lies in the extent of its tile."""
-    box = level.data.boxes[level.faces["tile_id"] - 1]
-    corners = level.data.xyz[level.face_nodes, :2]
-    is_inside = (corners.min(axis=1) >= box[:, :2]).all(axis=1) & (corners.max(axis=1) <= box[:, 2:]).all(axis=1)
+    is_inside, _, _ = _boxes_and_areas(level)
     yield from some(
         np.flatnonzero(~is_inside), lambda i: (level.place("face", i), "found a corner outside the extent of its tile")
     )
@@ -197,20 +175,15 @@ def check_cover(level: LevelData) -> Iterator[Defects]:
     data, metadata = level.data, level.data.metadata
     if metadata["void_posts"] and not metadata["options"].get("fill"):
         return
-    corner = data.xyz[level.face_nodes, :2]
-    side, other = corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0]
-    area = (side[:, 0] * other[:, 1] - side[:, 1] * other[:, 0]) / 2
-    perimeter = sum(np.hypot(*way.T) for way in (side, other, corner[:, 2] - corner[:, 1]))
-    tile, n_tile = level.faces["tile_id"] - 1, len(data.tiles)
-    total, reach = np.bincount(tile, area, n_tile), np.bincount(tile, perimeter, n_tile) * data.ulp
+    _, total, reach = _boxes_and_areas(level)
     expected = (data.boxes[:, 2] - data.boxes[:, 0]) * (data.boxes[:, 3] - data.boxes[:, 1])
-    wrong = np.flatnonzero(~(np.abs(total - expected) <= COVER_PART * expected + COVER_ULPS * reach))
+    wrong = np.flatnonzero(~(np.abs(total - expected) <= COVER_PART * expected + COVER_ULPS * data.ulp * reach))
     where = f"level={level.level}"
     yield from some(
         wrong,
         lambda i: (f"{where} tile={i + 1}", f"found faces of {total[i]:.12g} in all, the tile has {expected[i]:.12g}"),
     )
-    euler = int((data.nodes["level"] <= level.level).sum()) - len(level.edges["edge_id"]) + len(area)
+    euler = int((data.nodes["level"] <= level.level).sum()) - len(level.edges["edge_id"]) + len(level.face_nodes)
     if not level.t_junctions and not len(wrong) and euler != 1:
         yield one(where, f"found {euler} for nodes - edges + faces, expected 1")
 

@@ -95,14 +95,12 @@ def check_lone_edges(level: LevelData) -> Iterator[Defects]:
 
 def check_directions(level: LevelData) -> Iterator[Defects]:
     """Edges on borders run east or north, others with their only face, or that of lesser id, on the left."""
-    start, end = (level.data.xyz[level.edge_nodes[:, i], :2] for i in range(2))
     left, right = (level.edges[f"{hand}_face"] for hand in HANDS)
-    is_good = (right < 0) | ((left >= 0) & (left < right))
-    is_good &= left >= 0
-    for axis in range(2):
-        lines = level.data.inner_lines[axis]
-        is_on = np.isin(start[:, axis], lines) & (start[:, axis] == end[:, axis])
-        is_good = np.where(is_on, start[:, 1 - axis] < end[:, 1 - axis], is_good)
+    is_good = (left >= 0) & ((right < 0) | (left < right))
+    border, _ = level.borders
+    on = np.flatnonzero(border >= 0)
+    start, end = (level.data.xyz[level.edge_nodes[on, i], :2] for i in range(2))
+    is_good[on] = (end >= start).all(axis=1)
     expected = "expected east or north on a border, else the only face or that of lesser id to the left"
     yield from some(
         np.flatnonzero(~is_good),
