@@ -432,3 +432,21 @@ def test_a_hierarchy_is_read_as_features(tmp_path):
             assert len(rows.geometry) == len(places) > 2
             for area, corners in zip(rows.geometry, places, strict=True):
                 assert sorted(area.exterior.coords[:-1]) == sorted(map(tuple, corners.tolist()))
+
+
+def test_tables_without_rows(tmp_path):
+    """Header-only tables of features, joins and primitives are legal."""
+    ground = ground_of()
+    path = write_database(tmp_path / "db", ground)
+    folder = path / "lib/land"
+    links = [col(name, "K") for name in ("right_face", "left_face", "right_edge", "left_edge")]
+    columns = [ID, col("start_node", "I"), col("end_node", "I"), *links, col("coordinates", "C", "*")]
+    write(folder / "00/01", Style(), "edg", columns, [])
+    assert sum(area is None for area in read(path, "area").geometry) < len(areas_of(ground))
+    write(folder, Style(), "area.ajt", [ID, col("area_id", "I"), col("tile_id", "S"), col("fac_id", "I")], [])
+    write(folder, Style(), "line.lft", [ID, col("length", "F")], [])
+    assert shapely.is_missing(read(path, "area").geometry).all()
+    lines = read(path, "line")
+    assert (len(lines.geometry), lines.fields["length"].to_list()) == (0, [])
+    faces = read_primitives(land(path), "fac")
+    assert 2 not in faces.fields["tile_id"].to_list()

@@ -104,7 +104,8 @@ def read_class(coverage: Coverage, found: FeatureClass) -> FeatureRows:
     references, problems = _references(coverage, found, table, where)
     parts = _read_parts(coverage, found.primitive, references, where)
     try:
-        geometry = merge_parts(found.kind, references.row, references.tile, parts.geometry, table.n_row)
+        with np.errstate(all="ignore"):  # places may be as great as doubles are
+            geometry = merge_parts(found.kind, references.row, references.tile, parts.geometry, table.n_row)
     except shapely.errors.ShapelyError as error:
         reason = " ".join(str(error).split())
         raise VpfFormatError(where, "", f"found primitives that cannot be put together: {reason}", "V-420") from error
