@@ -138,8 +138,8 @@ def test_rules_are_chosen(run, plane, tmp_path):
 
 REFUSED = {
     "no file": (("none.gpkg",), 3, r"none\.gpkg: found no such file"),
-    "a folder": ((".",), 2, r"found a folder, expected a store"),
-    "no argument": ((), 2, r"Missing argument 'STORE'"),
+    "a folder": ((".",), 3, r"found nothing of VPF, expected a database"),
+    "no argument": ((), 2, r"Missing argument 'PATH'"),
     "unknown form": (("a.gpkg", "--format", "xml"), 2, r"--format: found 'xml', expected one of: text, json, sarif"),
     "unknown rule": (("a.gpkg", "--only", "V999"), 2, r"rules: found 'V999'"),
     "empty pattern": (("a.gpkg", "--skip", ""), 2, r"rules: found ''"),
