@@ -172,6 +172,40 @@ def test_a_file_that_may_not_be_read(run, plane, tmp_path, monkeypatch):
     assert (code, out, err) == (3, "", f"vpfx: {path}: cannot be read: Permission denied\n")
 
 
+def test_a_write_ahead_log_is_read_and_none_is_left(plane, tmp_path):
+    path = tmp_path / "a.gpkg"
+    shutil.copyfile(plane, path)
+    with closing(sqlite3.connect(path)) as connection:
+        connection.execute("PRAGMA journal_mode = WAL")
+    assert [(found.code, found.where) for found in validate(path).findings] == [
+        ("V101", "byte=18"),
+        ("V101", "byte=19"),
+    ]
+    assert [file.name for file in tmp_path.iterdir()] == ["a.gpkg"]
+    with closing(sqlite3.connect(path)) as writer:
+        writer.execute("UPDATE face SET slope_centidegrees = 9 WHERE face_id = 1")
+        writer.commit()
+        codes = {found.code for found in validate(path).findings}
+    assert codes == {"V101", "V103", "V120", "V404"}
+
+
+def test_an_interrupted_change_is_told(plane, tmp_path):
+    """A hot journal: SQLite would undo the change, and may not."""
+    path = tmp_path / "a.gpkg"
+    shutil.copyfile(plane, path)
+    with closing(sqlite3.connect(path)) as writer:
+        writer.execute("PRAGMA cache_spill = 1")
+        writer.execute("PRAGMA cache_size = 1")
+        writer.execute("BEGIN")
+        writer.execute("UPDATE face SET slope_centidegrees = 9")
+        writer.execute("UPDATE edge SET right_edge = left_edge")
+        for file in list(tmp_path.iterdir()):
+            shutil.copyfile(file, file.with_name(file.name.replace("a.gpkg", "b.gpkg")))
+    report = validate(tmp_path / "b.gpkg")
+    assert {found.code for found in report.findings} == {"V103", "V902"}
+    assert "a change that was interrupted" in report.findings[-1].message
+
+
 def test_somebody_is_writing(plane, tmp_path, monkeypatch):
     monkeypatch.setattr(store_data, "BUSY_SECONDS", 0.01)
     path = tmp_path / "a.gpkg"
@@ -253,6 +287,20 @@ def test_a_larger_file_than_the_store(tmp_path):
     assert {finding.code for finding in validate(path, dem=[other]).findings} == {"V524"}
     far = write_dem(tmp_path / "c.tif", hills(40, 40, 3), x0=0)
     assert {finding.code for finding in validate(path, dem=[far]).findings} == {"V520"}
+
+
+def test_a_bound_that_is_not_kept_is_found_at_the_posts(tmp_path):
+    """Figures that fit each other may be made up; the posts tell."""
+    base, path = build_base("hills", tmp_path), tmp_path / "a.gpkg"
+    shutil.copyfile(base, path)
+    with closing(sqlite3.connect(path)) as connection:
+        connection.execute("UPDATE level SET max_error_bound = 1, max_error = 0.9, rmse = 0.5 WHERE level = 2")
+        connection.commit()
+    assert validate(path).ok
+    report = validate(path, dem=[base.with_suffix(".tif")])
+    (found,) = report.findings
+    assert (found.code, found.where) == ("V521", "level=2")
+    assert re.fullmatch(r"max_error: found 0\.9, measured 3\.9\d*", found.message)
 
 
 def known(report):

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Callable, Iterable, Mapping
 from typing import Any
+from urllib.parse import quote
 
 from vpfx import __version__
 from vpfx.validate.report import Report, Rule
@@ -55,7 +56,7 @@ def to_sarif(report: Report, rules: Rules) -> str:
     """Return a report as SARIF 2.1.0, which continuous integration and editors read."""
     ordered = sorted(rules.values(), key=lambda rule: rule.code)
     index = {rule.code: i for i, rule in enumerate(ordered)}
-    artifact = {"uri": report.path.absolute().as_uri() if report.path.is_absolute() else report.path.as_posix()}
+    artifact = {"uri": report.path.as_uri() if report.path.is_absolute() else quote(report.path.as_posix())}
     results = [
         {
             "ruleId": finding.code,

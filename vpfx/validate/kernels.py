@@ -22,7 +22,7 @@ __all__ = [
 MISSING = -1
 
 
-@njit(nogil=True, cache=True)
+@njit(nogil=True, cache=True, error_model="numpy")
 def find_dense(ids, wanted, index):
     """Fill places of numbers in ascending ones by a table of all between first and last; -1 where there is none."""
     low = ids[0]
@@ -34,7 +34,7 @@ def find_dense(ids, wanted, index):
         index[i] = table[wanted[i] - low] if is_between else MISSING
 
 
-@njit(nogil=True, cache=True)
+@njit(nogil=True, cache=True, error_model="numpy")
 def judge_sides(face_nodes, face_edges, edge_nodes, edge_faces, turn, wrong_side, wrong_face):
     r"""Compare edges and faces: each side of a face is an edge that joins its nodes and has the face on that hand.
 
@@ -73,7 +73,7 @@ def judge_sides(face_nodes, face_edges, edge_nodes, edge_faces, turn, wrong_side
             wrong_face[face, i] = not wrong_side[face, i] and not is_there
 
 
-@njit(nogil=True, cache=True)
+@njit(nogil=True, cache=True, error_model="numpy")
 def face_at_edges(face_edges, edge_faces, side):
     """Fill which side of its left and right face each edge is, int8 (n_edge, 2): -1 if there is no face or it is none."""
     for edge in range(len(edge_faces)):
@@ -86,7 +86,7 @@ def face_at_edges(face_edges, edge_faces, side):
                         side[edge, hand] = i
 
 
-@njit(nogil=True, cache=True)
+@njit(nogil=True, cache=True, error_model="numpy")
 def walk_slits(long, end, follower, goal, short, owner, is_closed):
     """Walk along the short sides beside long ones, from the end of each to its start, and list them.
 
@@ -123,7 +123,7 @@ def walk_slits(long, end, follower, goal, short, owner, is_closed):
     return count
 
 
-@njit(nogil=True, cache=True)
+@njit(nogil=True, cache=True, error_model="numpy")
 def expected_links(face_edges, edge_faces, edge_sides, link):
     """Fill the next edge round start and end of every edge that has a face on that hand, int32 (n_edge, 2).
 
@@ -178,7 +178,7 @@ def measure_slopes(places, face_nodes, metres, ulp, found):
         found[face, 3] = 100.0 * np.degrees(reach / steepness) + 1e-6
 
 
-@njit(nogil=True, cache=True)
+@njit(nogil=True, cache=True, error_model="numpy")
 def walk_chains(key, last, following, begin, corners, n_node, is_good):
     """Walk round the outer sides of the children of each parent, and judge whether they pass its corners in order.
 
@@ -213,7 +213,7 @@ def walk_chains(key, last, following, begin, corners, n_node, is_good):
         at += count
 
 
-@njit(nogil=True, cache=True)
+@njit(nogil=True, cache=True, error_model="numpy")
 def judge_corners(nodes, parents, children, away):
     """Measure how far the corners of children lie outside their parents, CRS units; 0 or less if they do not.
 
@@ -238,7 +238,7 @@ def judge_corners(nodes, parents, children, away):
         away[k] = worst
 
 
-@njit(nogil=True, cache=True)
+@njit(nogil=True, cache=True, error_model="numpy")
 def measure_rises(nodes, parents, faces, z_parent, ulp, off, slack):
     """Measure how far the told heights of the level before are from its faces at the corners of their children.
 
@@ -284,7 +284,7 @@ def measure_rises(nodes, parents, faces, z_parent, ulp, off, slack):
                 slack[node] = min(4.0 * ulp * steep, abs(z1) + abs(z2))
 
 
-@njit(nogil=True, cache=True)
+@njit(nogil=True, cache=True, error_model="numpy")
 def measure_posts(places, face_nodes, is_filled, heights, on_line, error, void_of):
     r"""Measure the vertical errors of faces at the posts in and on them; where faces differ the greatest counts.
 
@@ -351,7 +351,7 @@ def measure_posts(places, face_nodes, is_filled, heights, on_line, error, void_o
                     error[row, col] = off
 
 
-@njit(nogil=True, cache=True)
+@njit(nogil=True, cache=True, error_model="numpy")
 def measure_tiles(nodes, face_nodes, tile, boxes, is_inside, area, perimeter):
     """Compare faces with the extents of their tiles, and add up areas and perimeters tile by tile.
 

@@ -9,6 +9,8 @@ from graphlib import TopologicalSorter
 from itertools import chain
 from typing import Any, NamedTuple
 
+import numpy as np
+
 from vpfx.errors import DemFormatError, FormatError, InputError, StoreError
 from vpfx.store.contents import error_kind
 from vpfx.validate.report import MOST_SHOWN, Defects, Finding, Rule, one
@@ -112,10 +114,11 @@ def run(
         Codes of rules that were left out at some stage, and what they need that did not hold.
     """
     journal = _Journal(rules, refusal)
-    for stage in stages:
-        for rule in rules.values():
-            if rule.scope == stage.scope and not journal.is_hopeless(rule):
-                journal.follow(rule, stage)
+    with np.errstate(all="ignore"):  # values from a stranger's file; rules compare so that NaN is found
+        for stage in stages:
+            for rule in rules.values():
+                if rule.scope == stage.scope and not journal.is_hopeless(rule):
+                    journal.follow(rule, stage)
     return journal.findings(), sorted(journal.left_out.items())
 
 

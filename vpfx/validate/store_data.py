@@ -33,10 +33,12 @@ from vpfx.validate.values import Line, Object
 __all__ = ["ALL_IDS", "HEADER", "RANGED", "StoreData", "open_store_data"]
 
 HEADER = 100  # bytes
+READ_VERSION, WAL = 19, b"\2"  # byte of the header, and what it is where newest pages may lie in a write-ahead log
 XYZ_SIZE = 24  # bytes
 BUSY_SECONDS = 5.0  # that a writer is waited for
 BESIDE = 1e-3
 """Post spacings around the extent in which posts are looked for: those on its sides may lie a hair outside."""
+LOOK = "SELECT 1 FROM sqlite_schema LIMIT 1"  # opens the file, and takes SQLite's shared lock
 SOME_ROWS = 1 << 16  # read at a time
 ALL_IDS = (1, 2**63 - 1)
 RANGED = ("node", "edge", "face")
@@ -103,16 +105,19 @@ class StoreData:
         """Open the database for reading, safely; from here on one state of it is seen."""
         if self._connection is None:
             uri = f"{self.path.absolute().as_uri()}?mode=ro"
+            if self.head[READ_VERSION : READ_VERSION + 1] == WAL and not os.path.exists(f"{self.path}-wal"):
+                uri += "&immutable=1"  # SQLite would make a write-ahead log and leave it behind
             connection = sqlite3.connect(uri, BUSY_SECONDS, uri=True, isolation_level=None)
             connection.text_factory = lambda text: text.decode("utf-8", "replace")
             try:
                 connection.execute("PRAGMA trusted_schema = OFF")
                 connection.execute("PRAGMA ignore_check_constraints = ON")  # integrity_check: rules say it better
+                connection.execute(LOOK).fetchone()
                 reader = TableReader(connection, self.path)
                 with suppress(StoreFormatError):  # whoever asks for rows is told; here the pages are mapped, no more
                     reader.rows("level", [])
                 connection.execute("BEGIN")
-                connection.execute("SELECT 1 FROM sqlite_schema LIMIT 1").fetchone()
+                connection.execute(LOOK).fetchone()
             except BaseException:
                 connection.close()
                 raise
