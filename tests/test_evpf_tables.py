@@ -8,13 +8,17 @@ import sqlite3
 import struct
 from collections import defaultdict
 from contextlib import closing
+from types import SimpleNamespace
 
 import pytest
+from pyproj import CRS
 from slow_vpf import head_of, read, rows_of
 from surfaces import SOLID, VOIDS, hills, query, write_dem
 
 import vpfx
+from vpfx.evpf.headers import map_scale, reference_row
 from vpfx.evpf.writer import write_database_of
+from vpfx.model import Extent
 from vpfx.store.classes import Column
 from vpfx.store.edit import edit_store
 
@@ -407,6 +411,43 @@ def test_headers(exported):
     }  # fmt: skip
     assert rows_of(library / "cat", "coverage_name", "level") == [(name, 3) for name in coverages]
     assert len(read(library / "dqt")["id"]) == 1
+
+
+WGS_84 = ("WGS 84", "A=6378137.0 B=6356752.3 Meters")
+GRS_80 = ("GRS 1980", "A=6378137.0 B=6356752.3 Meters")
+REFERENCES = {
+    "EPSG:4326": ("GEO", *WGS_84, "WGS 84", "WGE", None),
+    "EPSG:4322": ("GEO", "WGS 72", "A=6378135.0 B=6356750.5 Meters", "WGS 72", "WGC", None),
+    "EPSG:4269": ("GEO", *GRS_80, "NAD83", "NAR", None),
+    "EPSG:4267": ("GEO", "Clarke 1866", "A=6378206.4 B=6356583.8 Meters", "NAD27", "NAS", None),
+    "EPSG:4230": ("GEO", "International 1", "A=6378388.0 B=6356911.9 Meters", "ED50", "EUR", None),
+    "EPSG:26913": ("MAP", *GRS_80, "NAD83", "NAR", "UTM zone 13N"),
+    "EPSG:31468": ("MAP", "Bessel 1841", "A=6377397.2 B=6356079.0 Meters", "Deutsches Haupt", "ZY", "3-degree Gauss-Kruge"),
+    "": ("TAB", None, None, None, None, None),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("crs", REFERENCES)
+def test_crs_by_name_and_code(crs):
+    known = SimpleNamespace(crs=CRS(crs).to_wkt() if crs else "", metadata={"vertical_datum": "EPSG:5773"})
+    row = reference_row(known)
+    names = ("data_type", "ellipsoid_name", "ellipsoid_detail", "geo_datum_name", "geo_datum_code", "projection_name")
+    assert tuple(row.get(name) for name in names) == REFERENCES[crs]
+    assert (row["units"], row["vert_datum_name"], row["vert_datum_code"]) == ("M", "EPSG:5773", "ZY")
+
+
+@pytest.mark.parametrize(
+    ("crs", "extent", "step", "scale"),
+    [
+        ("EPSG:32613", (5e5, 4e6, 6e5, 4.1e6), 30.0, 60000), ("EPSG:32613", (5e5, 4e6, 6e5, 4.1e6), 0.1, 200),
+        ("EPSG:4326", (10, 50, 11, 51), 1 / 3600, 62000), ("EPSG:2227", (6e6, 2e6, 6.1e6, 2.1e6), 100.0, 61000),
+        ("", (0, 0, 9, 9), 1e-7, 1), ("", (0, 0, 9, 9), 1e9, 2**31 - 1),
+    ],
+)  # fmt: skip
+def test_scale_is_that_of_half_a_millimetre(crs, extent, step, scale):
+    metadata = {"lattice": {"dx": step, "dy": step}}
+    known = SimpleNamespace(crs=CRS(crs).to_wkt() if crs else "", metadata=metadata, extent=Extent(*extent))
+    assert map_scale(known) == scale
 
 
 def test_references(exported):

@@ -194,7 +194,7 @@ def test_unknown_format_is_refused(store, tmp_path, capsys):
 
 
 def test_paths_longer_than_readers_take_are_refused(store, tmp_path):
-    room = 255 - len(os.fsencode(tmp_path / "nm" / "terrain" / "tin1" / "tinface.afx"))
+    room = 255 - len(os.fsencode(tmp_path / "nm" / "terrain" / "tileref" / "tileref.afx"))
     deep = tmp_path
     for length in (100, room - 101 - 1):
         deep = deep / ("d" * length)
@@ -361,6 +361,10 @@ BROKEN = {
     "UPDATE edge SET left_face = NULL WHERE edge_id = (SELECT max(edge_id) FROM edge)": "R-160",
     "UPDATE face SET node_2 = node_3, node_3 = node_2 WHERE face_id = 1": "R-1[67]0",
     "UPDATE face SET edge_1 = edge_2 WHERE face_id = 1": "R-1[37][02]",
+    "UPDATE metadata SET value = json_set(value, '$.n_row', 1000000000000) WHERE name = 'lattice'": "found 4 rows, expected",
+    "UPDATE metadata SET value = json_set(value, '$.n_row', 1.5) WHERE name = 'lattice'": "no lattice of posts.*R-110",
+    "UPDATE metadata SET value = '{}' WHERE name = 'options'": "no lattice of posts.*R-110",
+    "UPDATE tile_level SET first_face = 900 WHERE tile_id = 2 AND level = 1": "R-132",
     "DELETE FROM parent_child WHERE child_face = (SELECT max(face_id) FROM face)": "R-180",
     "UPDATE edge SET right_edge = 999999999 WHERE edge_id = (SELECT max(edge_id) FROM edge)": "R-132",
     "DELETE FROM node WHERE node_id = (SELECT max(node_id) FROM node)": "node",
@@ -377,6 +381,22 @@ def test_a_store_that_is_broken_is_told(change, store, tmp_path):
     with pytest.raises((StoreFormatError, NotFoundError), match=BROKEN[change]):
         write_database_of(path, tmp_path / "nm", is_double=True)
     assert os.listdir(tmp_path) == ["a.gpkg"]
+
+
+@pytest.mark.parametrize("level", [0, 1])
+def test_features_that_are_not_there_are_told(level, store, tmp_path):
+    path = tmp_path / "a.gpkg"
+    path.write_bytes(store.read_bytes())
+    with edit_store(path) as editor:
+        editor.create_class("soil", {"kind": "text"})
+    with closing(sqlite3.connect(path)) as database:
+        (face,) = database.execute("SELECT min(face_id) FROM face WHERE level = ?", (level,)).fetchone()
+        database.execute(
+            "INSERT INTO face_feature VALUES (?, ?, 5, 0.5)", (face, 1 + level)
+        )  # no such feature, or class
+        database.commit()
+    with pytest.raises(StoreFormatError, match="R-224"):
+        write_database_of(path, tmp_path / "nm", is_double=True)
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="Windows has no SIGINT for another process")

@@ -5,11 +5,12 @@ from __future__ import annotations
 import ast
 from importlib import import_module
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import pytest
 
 import vpfx
+from vpfx.export import EXPORTERS
 from vpfx.methods import METHODS
 
 PACKAGE = Path(vpfx.__file__).parent
@@ -171,17 +172,26 @@ def test_files_are_short(module):
     assert n_line <= MOST_LINES, f"{module}: found {n_line} lines, expected at most {MOST_LINES}"
 
 
-def test_methods_stand_in_their_table():
-    declared = {}
-    for name, path in MODULES.items():
-        if not name.startswith("vpfx.methods."):
+def declared(package: str, name: str) -> dict[str, Any]:
+    """Return what files of a package declare under a name, by file."""
+    found = {}
+    for module, path in MODULES.items():
+        if not module.startswith(f"vpfx.{package}."):
             continue
         for node in ast.parse(path.read_text(encoding="utf-8")).body:
             targets = node.targets if isinstance(node, ast.Assign) else [getattr(node, "target", None)]
-            if any(getattr(target, "id", "") == "METHOD" for target in targets):
-                declared[name.split(".")[-1]] = import_module(name).METHOD
-    assert declared
-    assert {method.name for method in declared.values()} == set(METHODS)
-    for file, method in declared.items():
-        assert METHODS[method.name] is method
-        assert method.name.replace("-", "_") == file, "a method has the name of its file"
+            if any(getattr(target, "id", "") == name for target in targets):
+                found[module.split(".")[-1]] = getattr(import_module(module), name)
+    return found
+
+
+@pytest.mark.parametrize(
+    ("package", "name", "parts"), [("methods", "METHOD", METHODS), ("export", "EXPORTER", EXPORTERS)]
+)
+def test_parts_stand_in_their_table(package, name, parts):
+    found = declared(package, name)
+    assert found
+    assert {part.name for part in found.values()} == set(parts)
+    for file, part in found.items():
+        assert parts[part.name] is part
+        assert part.name.replace("-", "_") == file, "a part has the name of its file"

@@ -10,6 +10,7 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import NDArray
 
+from vpfx.errors import StoreFormatError
 from vpfx.evpf.classes import ClassTable, write_class, write_values
 from vpfx.evpf.folder import Folder
 from vpfx.evpf.graph import TileGraph
@@ -18,7 +19,7 @@ from vpfx.evpf.joins import Joins
 from vpfx.evpf.numbering import FIRST_FACE, LevelTiles
 from vpfx.evpf.precision import rounded
 from vpfx.query.attributes import attributes
-from vpfx.store.arrays import runs_of
+from vpfx.store.arrays import look_up, runs_of
 from vpfx.vpf import layouts, thematic_index
 from vpfx.vpf.table import Column, TableWriter
 from vpfx.vpf.values import NULL_INT
@@ -177,9 +178,17 @@ class LevelFeatures:
     def _add_class(self, i: int, table: ClassTable, face_ids: Ints, tile_id: int) -> tuple[Ints, Ints]:
         """Take the features of a class that the faces of a tile have, inherited or not: faces and features, as indices."""
         found = attributes(self._tiles.store, face_ids, table.stored.name)
-        feature = np.searchsorted(table.feature_ids, found.feature_ids)
+        feature = self._features(table, found.feature_ids)
         self._joins[i].append(feature, found.share, tile_id, found.of + FIRST_FACE)
         return found.of, feature
+
+    def _features(self, table: ClassTable, feature_ids: Ints) -> Ints:
+        """Indices of features of a class."""
+        feature, is_known = look_up(table.feature_ids, feature_ids)
+        if not is_known.all():
+            message = f"found feature {feature_ids[~is_known][0]} of class {table.stored.name}, which is not there"
+            raise StoreFormatError(str(self._tiles.store.path), "table face_feature", message, "R-224")
+        return feature
 
     def _add_own(self, graph: TileGraph) -> None:
         """Write what features the faces of a tile have by themselves."""
@@ -195,7 +204,9 @@ class LevelFeatures:
         class_row, feature = np.zeros((2, len(rows["face_id"])), np.int64)
         for i, table in enumerate(self._classes):
             at = rows["class_id"] == table.stored.class_id
-            class_row[at], feature[at] = i + 1, np.searchsorted(table.feature_ids, rows["feature_id"][at]) + 1
+            class_row[at], feature[at] = i + 1, self._features(table, rows["feature_id"][at]) + 1
+        if (class_row == 0).any():
+            raise self._tiles.broken(graph.tile_id - 1, "found a face with a class that is not there", "R-224")
         self._append(
             "own.rat", len(class_row), tile_id=graph.tile_id, fac_id=rows["face_id"] - face_ids[0] + FIRST_FACE,
             class_id=class_row, feature_id=feature, share=rows["share"],

@@ -8,7 +8,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from vpfx.errors import StoreFormatError
+from vpfx.checks import whole_number
+from vpfx.errors import InputError, StoreFormatError
 from vpfx.evpf.planar import Sides
 from vpfx.store.arrays import look_up
 from vpfx.store.reader import StoreReader
@@ -112,12 +113,17 @@ def tiling_of(store: StoreReader) -> Tiling:
     StoreFormatError
         Lattice, tile size and tiles do not fit.
     """
-    lattice, options = store.metadata["lattice"], store.metadata["options"]
-    (n_tile,) = store.select("SELECT count(*) AS n FROM tile")["n"].tolist()
-    tiling = Tiling(lattice["n_row"], lattice["n_col"], options["tile_size"], len(store.levels))
-    if tiling.n_tile != n_tile:
-        raise StoreFormatError(str(store.path), "table tile", f"found {n_tile} rows, expected {tiling.n_tile}", "R-130")
-    return tiling
+    ((n_tile,),) = store.raw("SELECT count(*) FROM tile")
+    try:
+        n_row, n_col = (whole_number(store.metadata["lattice"][name], name, 2) for name in ("n_row", "n_col"))
+        size = whole_number(store.metadata["options"]["tile_size"], "tile_size", 1)
+        expected = -(-(n_row - 1) // size) * -(-(n_col - 1) // size)
+        if expected != n_tile:
+            raise StoreFormatError(str(store.path), "table tile", f"found {n_tile} rows, expected {expected}", "R-130")
+        return Tiling(n_row, n_col, size, len(store.levels))
+    except (InputError, KeyError) as error:
+        message = f"found no lattice of posts in tiles ({error})"
+        raise StoreFormatError(str(store.path), "table metadata", message, "R-110") from None
 
 
 class LevelTiles:

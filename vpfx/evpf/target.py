@@ -121,8 +121,9 @@ class DatabaseTarget:
         ------
         InputError
         """
-        longest = max("/".join((*tile_path, "cnd")), *(f"{name}.afx" for name in (*classes, "tinface")), key=len)
-        length = len(os.fsencode(self.path.joinpath(library, f"tin{n_level - 1}", longest)))
+        names = "/".join((*tile_path, "cnd")), *(f"{name}.afx" for name in (*classes, "tinface"))
+        longest = max("tileref/tileref.afx", *(f"tin{n_level - 1}/{name}" for name in names), key=len)
+        length = len(os.fsencode(self.path.joinpath(library, longest)))
         if length > MOST_PATH:
             raise InputError(
                 f"{self._shown}: found full paths of {length} bytes, expected up to {MOST_PATH}: readers fail"
