@@ -21,6 +21,7 @@ from vpfx.errors import StoreError
 from vpfx.methods import METHODS
 from vpfx.validate import RULES, STORE_RULES, store_data, validate
 
+DEMS = Path(__file__).resolve().parents[1] / "fixtures" / "dem"
 CODES = {rule.code for rule in STORE_RULES.values()}
 SEEN_BY_THE_JUDGE = (
     "V216", "V220", "V221", "V301", "V302", "V303", "V304", "V305", "V307", "V308", "V309", "V310", "V401", "V402", "V403",
@@ -274,6 +275,22 @@ def test_stores_of_every_surface_are_clean(name, tmp_path):
     dem = write_dem(tmp_path / "a.tif", grid.heights, x0=grid.x0, y0=grid.y0, step=grid.dx, crs=None)
     path = vpfx.build(dem, tmp_path / "a.gpkg", max_error=(8, 2), tile_size=8).path
     assert validate(path, dem=[dem]).findings == ()
+
+
+REAL = {
+    "voids in tiles": ("new_mexico_voids.tif", {"max_error": (40, 20, 10), "tile_size": 50}),
+    "voids filled": ("new_mexico_voids.tif", {"max_error": (40, 20, 10), "tile_size": 33, "fill": True}),
+    "DTED": ("new_mexico_n36_w108.dt2", {"max_error": (40, 20), "tile_size": 100}),
+    "fitted": ("new_mexico_utm13_30m.tif", {"max_error": (20, 5), "tile_size": 40, "fit": "max-error"}),
+    "T-junctions": ("new_mexico_cell_5min_1arcsec.tif", {"method": "quadtree", "max_error": (40, 20)}),
+}
+
+
+@pytest.mark.parametrize("name", REAL)
+def test_stores_of_real_terrain_are_clean(name, tmp_path):
+    dem, options = REAL[name]
+    path = vpfx.build(DEMS / dem, tmp_path / "a.gpkg", **options).path
+    assert validate(path, dem=[DEMS / dem]).findings == ()
 
 
 def test_a_larger_file_than_the_store(tmp_path):
