@@ -5,6 +5,7 @@ from vpfx.cli.build import build
 from vpfx.cli.common import app, main
 from vpfx.cli.compare import compare, measure
 from vpfx.cli.export import export
+from vpfx.cli.import_ import import_
 from vpfx.cli.query import at, nearest, profile, query
 from vpfx.cli.query_areas import contours, height_range, region, volume
 from vpfx.cli.query_cut import cut
@@ -26,6 +27,7 @@ __all__ = [
     "dump",
     "export",
     "height_range",
+    "import_",
     "info",
     "ls",
     "main",
