@@ -20,16 +20,29 @@ import vpfx
 from vpfx.evpf.writer import write_database_of
 
 STORES = {
-    **KINDS,
+    "one tile": (hills(20, 17), {"max_error": (20, 4)}),
+    "tiles": (hills(25, 18), {"max_error": (20, 8), "tile_size": 9}),
+    "pyramid": (hills(15, 15, 3), {"method": "delaunay_pyramid", "max_error": (20, 8, 4)}),
+    "voids in tiles": KINDS["voids in tiles"],
+    "T-junctions": KINDS["T-junctions"],
     "one face": (VOIDS["one triangle"].heights, {"passes": 2}),
     "touching voids": (VOIDS["diagonal voids"].heights, {"max_error": (20, 5)}),
     "ragged": (VOIDS["ragged"].heights, {"max_error": (20, 5), "tile_size": 8}),
     "ground that meets in a post": (VOIDS["almost all void"].heights, {"max_error": (20, 5), "tile_size": 8}),
     "T-junctions and voids": (VOIDS["ring with island"].heights, {"method": "quaternary", "passes": 3}),
     "thirds": (SOLID["cone"].heights, {"method": "quadtree", "max_error": (20, 2), "split": 3}),
-    "pyramid in tiles": (hills(30, 30, 3), {"method": "delaunay_pyramid", "max_error": (20, 8), "tile_size": 12}),
+    "pyramid in tiles": (hills(20, 20, 3), {"method": "delaunay_pyramid", "max_error": (20, 8), "tile_size": 10}),
 }
-REAL = "new_mexico_voids.tif"
+FIXTURES = Path(__file__).resolve().parents[1] / "fixtures"
+WINDOW = (-107.66, 36.35, -107.64, 36.37)
+STREAMS = {"features": [FIXTURES / "features" / "new_mexico_streams.geojson"], "dem_options": {"bbox": WINDOW}}
+REAL = {
+    "real voids": ("new_mexico_voids.tif", {"max_error": (80, 40), "tile_size": 50}),
+    "prescribed edges": (
+        "new_mexico_cell_5min_1arcsec.tif",
+        {"max_error": (80, 60), "method": "constrained_delaunay_pyramid", **STREAMS},
+    ),
+}
 
 
 class Store:
@@ -138,17 +151,18 @@ def single(numbers):
     return struct.unpack(f"<{len(numbers)}f", struct.pack(f"<{len(numbers)}f", *numbers))
 
 
-@pytest.fixture(scope="module", params=[*STORES, REAL])
+@pytest.fixture(scope="module", params=[*STORES, *REAL])
 def exported(request, tmp_path_factory):
-    """Export a store in both precisions; return its rows, the library and whether precision is double."""
+    """Export a store; return its rows, the library and whether precision is double."""
     folder = tmp_path_factory.mktemp("exported")
-    if request.param == REAL:
-        dem = Path(__file__).parents[1] / "fixtures" / "dem" / REAL
-        path = vpfx.build(dem, folder / "a.gpkg", max_error=(80, 40), tile_size=50).path
+    if request.param in REAL:
+        name, options = REAL[request.param]
+        dem = FIXTURES / "dem" / name
     else:
         heights, options = STORES[request.param]
-        path = vpfx.build(write_dem(folder / "a.tif", heights), folder / "a.gpkg", **options).path
-    is_double = request.param in ("tiles", "T-junctions", "ragged")
+        dem = write_dem(folder / "a.tif", heights)
+    path = vpfx.build(dem, folder / "a.gpkg", **options).path
+    is_double = request.param in ("tiles", "T-junctions", "ragged", "prescribed edges")
     write_database_of(path, folder / "vpf", is_double=is_double)
     store = Store(path)
     yield store, folder / "vpf" / "terrain", is_double

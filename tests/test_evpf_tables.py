@@ -23,9 +23,9 @@ from vpfx.store.classes import Column
 from vpfx.store.edit import edit_store
 
 STORES = {
-    "tiles": (hills(40, 35), {"max_error": (30, 12), "tile_size": 16}),
+    "tiles": (hills(30, 25), {"max_error": (30, 12), "tile_size": 12}),
     "voids": (VOIDS["ring with island"].heights, {"passes": 2, "tile_size": 8}),
-    "pyramid": (hills(30, 30, 3), {"method": "delaunay_pyramid", "max_error": (20, 8), "tile_size": 16}),
+    "pyramid": (hills(20, 20, 3), {"method": "delaunay_pyramid", "max_error": (20, 8), "tile_size": 10}),
     "T-junctions": (SOLID["cliff"].heights, {"method": "scarlatos", "passes": 3}),
     "no class": (hills(20, 20), {"max_error": (20, 10, 5)}),
 }

@@ -85,8 +85,9 @@ class DatabaseTarget:
 
     def __init__(self, path: Path, *, overwrite: bool, is_upper: bool) -> None:
         self.path, self._overwrite = Path(os.path.abspath(path)), overwrite
-        self._shown, self._is_upper = path, is_upper
+        self._shown = path
         self._under_way = self.path.with_name(f".{self.path.name}.{os.getpid()}.tmp")
+        self.folder = Folder(self._under_way, is_upper=is_upper)
         self._check_place()
 
     def _check_place(self) -> None:
@@ -106,13 +107,18 @@ class DatabaseTarget:
             self._under_way.mkdir()
         except OSError as error:
             raise StoreError(f"{self._shown}: cannot be made: {error.strerror}") from error
-        self.folder = Folder(self._under_way, is_upper=self._is_upper)
+        except BaseException:  # interrupted as soon as it was there
+            self._discard()
+            raise
         return self
+
+    def _discard(self) -> None:
+        shutil.rmtree(self._under_way, ignore_errors=True)
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        shutil.rmtree(self._under_way, ignore_errors=True)
+        self._discard()
 
     def check_lengths(self, library: str, n_level: int, tile_path: Sequence[str], classes: Sequence[str]) -> None:
         """Refuse a place in which the full path of some table is longer than readers take.
