@@ -17,7 +17,7 @@ from small_stores import KINDS
 from surfaces import SOLID, VOIDS, hills, write_dem
 
 import vpfx
-from vpfx.evpf.writer import write_database_of
+from vpfx.evpf.writing import export_vpf
 
 STORES = {
     "one tile": (hills(20, 17), {"max_error": (20, 4)}),
@@ -163,7 +163,7 @@ def exported(request, tmp_path_factory):
         dem = write_dem(folder / "a.tif", heights)
     path = vpfx.build(dem, folder / "a.gpkg", **options).path
     is_double = request.param in ("tiles", "T-junctions", "ragged", "prescribed edges")
-    write_database_of(path, folder / "vpf", is_double=is_double)
+    export_vpf(path, folder / "vpf", is_double=is_double)
     store = Store(path)
     yield store, folder / "vpf" / "terrain", is_double
     store.db.close()

@@ -23,7 +23,7 @@ from surfaces import VOIDS, hills, noise, query, write_dem
 import vpfx
 from vpfx.errors import InputError
 from vpfx.evpf.reading import import_vpf
-from vpfx.evpf.writer import write_database_of
+from vpfx.evpf.writing import export_vpf
 from vpfx.store.edit import edit_store
 
 STREAMS = FIXTURES.parent / "features" / "new_mexico_streams.geojson"
@@ -35,7 +35,7 @@ CHANGED = {"node": ["x", "y", "z", "z_parent", "xyz"], "level": ["border_digest"
 def there(store, folder, **options):
     """Write a store as VPF."""
     folder.parent.mkdir(exist_ok=True)
-    return write_database_of(store, folder, **options).path
+    return export_vpf(store, folder, **options).path
 
 
 def back(folder, store):

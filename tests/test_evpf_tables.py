@@ -17,7 +17,7 @@ from surfaces import SOLID, VOIDS, hills, query, write_dem
 
 import vpfx
 from vpfx.evpf.headers import map_scale, reference_row
-from vpfx.evpf.writer import write_database_of
+from vpfx.evpf.writing import export_vpf
 from vpfx.model import Extent
 from vpfx.store.classes import Column
 from vpfx.store.edit import edit_store
@@ -77,7 +77,7 @@ def exported(request, tmp_path_factory):
     if request.param != "no class":
         add_classes(path)
     is_double = request.param in ("voids", "no class")
-    write_database_of(path, folder / "vpf", is_double=is_double)
+    export_vpf(path, folder / "vpf", is_double=is_double)
     return path, folder / "vpf" / "terrain", is_double
 
 
@@ -486,7 +486,7 @@ def test_references(exported):
 
 def test_same_store_same_bytes(exported, tmp_path):
     path, library, is_double = exported
-    write_database_of(path, tmp_path / "vpf", is_double=is_double)
+    export_vpf(path, tmp_path / "vpf", is_double=is_double)
     files = {p.relative_to(tmp_path): p.read_bytes() for p in tmp_path.rglob("*") if p.is_file()}
     root = library.parents[1]
     assert files == {p.relative_to(root): p.read_bytes() for p in (root / "vpf").rglob("*") if p.is_file()}
@@ -495,7 +495,7 @@ def test_same_store_same_bytes(exported, tmp_path):
 def test_upper_case(exported, tmp_path):
     """Names are upper case everywhere; what the tables say besides is the same."""
     path, library, is_double = exported
-    write_database_of(path, tmp_path / "VPF", is_double=is_double, is_upper=True, library="Terrain")
+    export_vpf(path, tmp_path / "VPF", is_double=is_double, is_upper=True, library="Terrain")
     upper = tmp_path / "VPF" / "TERRAIN"
     names = {str(p.relative_to(tmp_path)) for p in tmp_path.rglob("*")}
     assert names == {str(p.relative_to(library.parents[1])).upper() for p in library.parent.rglob("*")} | {"VPF"}

@@ -22,11 +22,11 @@ import vpfx
 from vpfx.cli import main
 from vpfx.errors import InputError, NotFoundError, StoreError, StoreFormatError
 from vpfx.evpf import target as targets
-from vpfx.evpf import writer as writers
+from vpfx.evpf import writing
 from vpfx.evpf.numbering import TileNumbers
 from vpfx.evpf.planar import Sides
 from vpfx.evpf.precision import find_broken
-from vpfx.evpf.writer import write_database_of
+from vpfx.evpf.writing import export_vpf
 from vpfx.model import Extent
 from vpfx.store.edit import edit_store
 
@@ -81,9 +81,9 @@ def test_posts_nearer_than_single_precision_tells_are_refused(tmp_path):
     path = build_at(tmp_path, 0.1)
     message = r"a\.gpkg: level \d, tile 1: face \d+ at \(50000\d.*, 400000\d.*\) .* precision \(E-201\); give --double"
     with pytest.raises(InputError, match=message):
-        write_database_of(path, tmp_path / "vpf")
+        export_vpf(path, tmp_path / "vpf")
     assert sorted(os.listdir(tmp_path)) == ["a.gpkg", "a.tif"]
-    write_database_of(path, tmp_path / "vpf", is_double=True)
+    export_vpf(path, tmp_path / "vpf", is_double=True)
     assert (tmp_path / "vpf" / "dht").is_file()
 
 
@@ -93,10 +93,10 @@ def test_the_edge_of_single_precision(y0, is_good, tmp_path):
     heights = np.random.default_rng(3).integers(0, 9, (9, 9)).astype(float)
     path = build_at(tmp_path, 0.25, y0=y0, heights=heights, method="delaunay_pyramid", max_error=(0.01,))
     if is_good:
-        write_database_of(path, tmp_path / "vpf")
+        export_vpf(path, tmp_path / "vpf")
         return
     with pytest.raises(InputError, match="has a node in the place of another node in single precision"):
-        write_database_of(path, tmp_path / "vpf", overwrite=True)
+        export_vpf(path, tmp_path / "vpf", overwrite=True)
 
 
 def test_faces_that_turn_over_are_refused(tmp_path):
@@ -104,9 +104,9 @@ def test_faces_that_turn_over_are_refused(tmp_path):
     heights = np.random.default_rng(1).uniform(0, 99, (20, 20))
     path = build_at(tmp_path, 0.5, heights=heights, max_error=(30, 10))
     with pytest.raises(InputError, match=r"face \d+ at .* has no area, or turns over in single precision"):
-        write_database_of(path, tmp_path / "vpf")
+        export_vpf(path, tmp_path / "vpf")
     path = build_at(tmp_path, 30.0, heights=heights, max_error=(30, 10), overwrite=True)
-    write_database_of(path, tmp_path / "vpf")
+    export_vpf(path, tmp_path / "vpf")
 
 
 def numbers_of(triangles):
@@ -199,9 +199,9 @@ def test_paths_longer_than_readers_take_are_refused(store, tmp_path):
     for length in (100, room - 101 - 1):
         deep = deep / ("d" * length)
     deep.mkdir(parents=True)
-    write_database_of(store, deep / "nm")
+    export_vpf(store, deep / "nm")
     with pytest.raises(InputError, match=r"full paths of 256 bytes, expected up to 255"):
-        write_database_of(store, deep / "nm1")
+        export_vpf(store, deep / "nm1")
     assert os.listdir(deep) == ["nm"]
 
 
@@ -218,7 +218,7 @@ def test_names_asked_for_are_written(run, store, tmp_path):
 
 def test_readers_are_warned_of(run, store, tmp_path, monkeypatch):
     (tmp_path / "dcw_data").mkdir()
-    monkeypatch.setattr(writers, "MOST_SMALL", 10)
+    monkeypatch.setattr(writing, "MOST_SMALL", 10)
     code, out, err = run(store, "-o", "dcw_data/nm")
     assert code == GOOD
     assert out.startswith("dcw_data/nm: ")
@@ -254,8 +254,8 @@ def test_with_classes_and_upper_case_too(store, tmp_path):
         editor.create_class("soil", {"kind": "text"})
         editor.set_faces("soil", [1], editor.add_features("soil", {"kind": ["clay"]}))
         editor.describe_values("soil", "kind", {"clay": "Clay"})
-    write_database_of(path, tmp_path / "NM", is_upper=True)
-    write_database_of(path, tmp_path / "NM", is_upper=True, overwrite=True)
+    export_vpf(path, tmp_path / "NM", is_upper=True)
+    export_vpf(path, tmp_path / "NM", is_upper=True, overwrite=True)
     assert targets.find_foreign(tmp_path / "NM") is None
 
 
@@ -283,7 +283,7 @@ def test_nothing_else_is_replaced(case, store, tmp_path):
     make(tmp_path / "nm")
     names = sorted(os.listdir(tmp_path))
     with pytest.raises(StoreError, match=f"nm: found {found}, expected a VPF database of vpfx and nothing else"):
-        write_database_of(store, tmp_path / "nm", overwrite=True)
+        export_vpf(store, tmp_path / "nm", overwrite=True)
     assert sorted(os.listdir(tmp_path)) == names
     assert os.path.lexists(tmp_path / "nm")
 
@@ -294,25 +294,25 @@ def test_nothing_else_is_replaced(case, store, tmp_path):
      "other/dht", "terrain/tin0/00/00/sub/cnd", "terrain/libref/00/00/cnd"],
 )  # fmt: skip
 def test_what_people_put_beside_stays(place, store, tmp_path):
-    write_database_of(store, tmp_path / "nm")
+    export_vpf(store, tmp_path / "nm")
     file = tmp_path / "nm" / place
     file.parent.mkdir(parents=True, exist_ok=True)
     file.write_text("mine")
     before = files_of(tmp_path)
     with pytest.raises(StoreError, match=r"nm: found [\w/.]+, expected a VPF database of vpfx and nothing else"):
-        write_database_of(store, tmp_path / "nm", overwrite=True)
+        export_vpf(store, tmp_path / "nm", overwrite=True)
     assert files_of(tmp_path) == before
 
 
 def test_a_database_of_others_stays(store, tmp_path):
-    write_database_of(store, tmp_path / "nm")
+    export_vpf(store, tmp_path / "nm")
     dht = tmp_path / "nm" / "dht"
     dht.write_bytes(dht.read_bytes().replace(b"vpfx ", b"them "))
     with pytest.raises(StoreError, match="a database of another producer"):
-        write_database_of(store, tmp_path / "nm", overwrite=True)
+        export_vpf(store, tmp_path / "nm", overwrite=True)
     dht.write_bytes(dht.read_bytes()[:50])
     with pytest.raises(StoreError, match="no database that vpfx wrote"):
-        write_database_of(store, tmp_path / "nm", overwrite=True)
+        export_vpf(store, tmp_path / "nm", overwrite=True)
 
 
 # --- failures ---------------------------------------------------------------------------------------------------------------
@@ -320,29 +320,29 @@ def test_a_database_of_others_stays(store, tmp_path):
 
 @pytest.mark.parametrize("error", [KeyboardInterrupt, StoreFormatError("a", "b", "c"), MemoryError])
 def test_a_failure_leaves_what_was_there(error, store, tmp_path, monkeypatch):
-    write_database_of(store, tmp_path / "nm")
+    export_vpf(store, tmp_path / "nm")
     before = files_of(tmp_path)
 
     def fail(*_):
         raise error
 
-    monkeypatch.setattr(writers._Writer, "_write_related", fail)
+    monkeypatch.setattr(writing._Writer, "_write_related", fail)
     with pytest.raises(error if isinstance(error, type) else type(error)):
-        write_database_of(store, tmp_path / "nm", overwrite=True, is_double=True)
+        export_vpf(store, tmp_path / "nm", overwrite=True, is_double=True)
     assert files_of(tmp_path) == before
     assert os.listdir(tmp_path) == ["nm"]
 
 
 def test_a_place_that_is_taken_meanwhile_stays(store, tmp_path, monkeypatch):
-    original = writers._Writer.write_levels
+    original = writing._Writer.write_levels
 
     def and_take(self, *arguments):
         original(self, *arguments)
         (tmp_path / "nm").mkdir()
 
-    monkeypatch.setattr(writers._Writer, "write_levels", and_take)
+    monkeypatch.setattr(writing._Writer, "write_levels", and_take)
     with pytest.raises(StoreError, match="found an existing file or folder"):
-        write_database_of(store, tmp_path / "nm")
+        export_vpf(store, tmp_path / "nm")
     assert os.listdir(tmp_path) == ["nm"]
     assert os.listdir(tmp_path / "nm") == []
 
@@ -352,7 +352,7 @@ def test_a_medium_that_refuses_is_told(store, tmp_path):
     if os.access(tmp_path / "closed", os.W_OK):
         pytest.skip("nothing is closed to this user")
     with pytest.raises(StoreError, match="cannot be made"):
-        write_database_of(store, tmp_path / "closed" / "nm")
+        export_vpf(store, tmp_path / "closed" / "nm")
 
 
 BROKEN = {
@@ -379,7 +379,7 @@ def test_a_store_that_is_broken_is_told(change, store, tmp_path):
         database.execute(change)
         database.commit()
     with pytest.raises((StoreFormatError, NotFoundError), match=BROKEN[change]):
-        write_database_of(path, tmp_path / "nm", is_double=True)
+        export_vpf(path, tmp_path / "nm", is_double=True)
     assert os.listdir(tmp_path) == ["a.gpkg"]
 
 
@@ -396,7 +396,7 @@ def test_features_that_are_not_there_are_told(level, store, tmp_path):
         )  # no such feature, or class
         database.commit()
     with pytest.raises(StoreFormatError, match="R-224"):
-        write_database_of(path, tmp_path / "nm", is_double=True)
+        export_vpf(path, tmp_path / "nm", is_double=True)
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="Windows has no SIGINT for another process")
@@ -417,5 +417,5 @@ def test_an_interrupted_export_leaves_nothing(tmp_path):
 
 def test_progress_counts_tiles_of_all_levels(store, tmp_path):
     seen = []
-    write_database_of(store, tmp_path / "nm", progress=lambda done, total: seen.append((done, total)))
+    export_vpf(store, tmp_path / "nm", progress=lambda done, total: seen.append((done, total)))
     assert seen == [(i, 8) for i in range(1, 9)]

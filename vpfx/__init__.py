@@ -5,6 +5,8 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from vpfx.dem import open_dem, read_grid
+    from vpfx.evpf.reading import import_vpf
+    from vpfx.evpf.writing import export_vpf
     from vpfx.model import Extent, Grid, Hierarchy, Tin
     from vpfx.pipeline import BuildReport, build, build_hierarchy
     from vpfx.query.store import Store, open_store
@@ -20,6 +22,8 @@ _HOMES = {
     "Tin": "vpfx.model",
     "build": "vpfx.pipeline",
     "build_hierarchy": "vpfx.pipeline",
+    "export_vpf": "vpfx.evpf.writing",
+    "import_vpf": "vpfx.evpf.reading",
     "open_dem": "vpfx.dem",
     "open_store": "vpfx.query.store",
     "read_grid": "vpfx.dem",
@@ -33,6 +37,8 @@ __all__ = [
     "Tin",
     "build",
     "build_hierarchy",
+    "export_vpf",
+    "import_vpf",
     "open_dem",
     "open_store",
     "read_grid",

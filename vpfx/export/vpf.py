@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from types import MappingProxyType
 
-from vpfx.evpf.writer import write_database_of
+from vpfx.evpf.writing import export_vpf
 from vpfx.export.base import Exported, Exporter, Progress
 
 __all__ = ["EXPORTER", "write"]
@@ -15,8 +15,8 @@ def write(
     store: Path, output: Path, *, overwrite: bool = False, progress: Progress | None = None, double: bool = False,
     upper: bool = False, product: str = "TIN", library: str = "terrain",
 ) -> Exported:  # fmt: skip
-    """Write a store as a VPF database; see `vpfx.evpf.writer.write_database_of`."""
-    done = write_database_of(
+    """Write a store as a VPF database; see `vpfx.evpf.writing.export_vpf`."""
+    done = export_vpf(
         store, output, library=library, product=product, is_double=double, is_upper=upper, overwrite=overwrite,
         progress=progress,
     )  # fmt: skip

@@ -26,7 +26,7 @@ from vpfx.evpf.target import DatabaseTarget, check_names
 from vpfx.model import Extent
 from vpfx.store.reader import StoreReader, open_reader
 
-__all__ = ["WrittenDatabase", "write_database_of"]
+__all__ = ["ExportReport", "export_vpf"]
 
 MOST_TILES = 2**15 - 1
 MOST_SMALL = 2**16 - 1
@@ -35,7 +35,7 @@ MOST_SMALL = 2**16 - 1
 Progress = Callable[[int, int], None]
 
 
-class WrittenDatabase(NamedTuple):
+class ExportReport(NamedTuple):
     """What was written.
 
     Attributes
@@ -56,10 +56,10 @@ class WrittenDatabase(NamedTuple):
     warnings: tuple[str, ...]
 
 
-def write_database_of(
+def export_vpf(
     store_path: str | Path, path: str | Path, *, library: str = "terrain", product: str = "TIN", is_double: bool = False,
     is_upper: bool = False, overwrite: bool = False, progress: Progress | None = None,
-) -> WrittenDatabase:  # fmt: skip
+) -> ExportReport:  # fmt: skip
     """Write a store as a VPF database (specs/evpf.md).
 
     Parameters
@@ -83,7 +83,7 @@ def write_database_of(
 
     Returns
     -------
-    WrittenDatabase
+    ExportReport
 
     Raises
     ------
@@ -107,7 +107,7 @@ def write_database_of(
             root = writer.write_headers(target.folder, names)
             writer.write_levels(root, progress)
             size = target.publish()
-        return WrittenDatabase(
+        return ExportReport(
             Path(path), len(store.levels), writer.tiling.n_tile, size, (*target.warnings(), *writer.warnings())
         )
 
