@@ -18,7 +18,7 @@ from vpfx.vpf.catalog import Coverage
 from vpfx.vpf.table import Table
 from vpfx.vpf.values import is_null
 
-__all__ = ["has_classes", "read_classes"]
+__all__ = ["read_classes"]
 
 Ints = NDArray[np.int64]
 
@@ -37,11 +37,6 @@ class _Class(NamedTuple):
 
     name: str
     feature_ids: Ints
-
-
-def has_classes(coverage: Coverage) -> bool:
-    """Tell whether the store had feature classes."""
-    return coverage.find("class.rat") is not None
 
 
 def read_classes(coverages: list[Coverage], editor: Editor, n_face: Ints) -> None:
@@ -67,6 +62,7 @@ def read_classes(coverages: list[Coverage], editor: Editor, n_face: Ints) -> Non
     names, descriptions, tables = (given_texts(table, name) for name in ("name", "description", "fclass"))
     columns = read_checked(coverages[0], "column.rat", COLUMNS)
     class_id = columns["class_id"]
+    _check_positive(table)
     is_there = (class_id >= 1) & (class_id <= table.n_row)
     check(is_there, columns.path, f"found class_id {{}}, expected 1 … {table.n_row}", "E-430", class_id)
     described, written = _columns(columns)
@@ -83,6 +79,12 @@ def read_classes(coverages: list[Coverage], editor: Editor, n_face: Ints) -> Non
     for level, coverage in enumerate(coverages):
         with open_checked(coverage, "own.rat", OWN) as file:
             _read_own(TileRuns(file), classes, editor, first_face[:, level], n_face[:, level])
+
+
+def _check_positive(table: Table) -> None:
+    """Refuse ids of the store that are none."""
+    ids = table["store_id"]
+    check(ids >= 1, table.path, "found store_id {}, expected one above 0", "E-430", ids)
 
 
 def _columns(table: Table) -> tuple[list[tuple[str, Column]], list[str]]:
@@ -108,6 +110,7 @@ def _read_features(
         is_number = column.kind == "integer" and forms.get(written.lower()) == "I"
         wanted[written] = "I" if is_number else WRITTEN.get(column.kind, "TL*")
     table = read_checked(coverage, table_name, wanted)
+    _check_positive(table)
     ids = table["store_id"].astype(np.int64)
     values = {name: _values(table, written, column.kind) for written, (name, column) in kinds.items()}
     editor.add_features(class_name, values, ids)

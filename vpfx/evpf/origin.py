@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -26,6 +26,7 @@ MOST_TILES = 32767  # tile_id is S (E-101)
 MOST_POSTS = 1 << 31  # along a side: ids by place stay below 2⁶³
 CUTS = ("one_edge", "two_edges", "three_edges", "centre", "centre_edge")
 METRES = ("max_error_bound", "max_error", "rmse", "max_rise")
+OPTIONAL = ("class.rat", "tjunct.rat")  # where the store has classes, or the level T-junctions
 COUNTS = ("node_count", "edge_count", "face_count")
 
 
@@ -49,6 +50,8 @@ class Origin(NamedTuple):
     totals : list of LevelTotals
     counts : list of (nodes, edges, faces)
         Of each level.
+    has_classes : bool
+        Whether the store had feature classes.
     """
 
     path: str
@@ -60,6 +63,7 @@ class Origin(NamedTuple):
     sources: list[tuple[str, str, int, str]]
     totals: list[LevelTotals]
     counts: list[tuple[int, int, int]]
+    has_classes: bool
 
     def check_counts(self, summary: Sequence[LevelSummary]) -> None:
         """Compare the counts of the rows with those told.
@@ -104,15 +108,39 @@ def read_origin(library: Library) -> Origin:
     except StoreFormatError as error:
         raise VpfFormatError("", "", str(error), "E-400") from None
     place, tiling = _lattice(decoded["lattice"], tile_size, n_level, table.path)
+    missing = set(range(1, tiling.n_tile + 1)) - set(library.tiles)
+    if missing or len(library.tiles) > tiling.n_tile:
+        message = f"found tiles {_some(library.tiles)}, expected 1 … {tiling.n_tile}, as {table.path} has the lattice"
+        raise VpfFormatError(str(library.path / "tileref"), "tileref.aft", message, "E-104")
     is_double = precision == "double"
     if not is_double:
         _check_floats(place, tiling, table.path)
     coverages = [_coverage(library, level) for level in range(n_level)]
+    related = [_related(coverage) for coverage in coverages]
     levels = [_read_level(coverage, level) for level, coverage in enumerate(coverages)]
     totals, counts = [line[0] for line in levels], [line[1] for line in levels]
-    return Origin(
-        table.path, coverages, is_double, tiling, place, metadata, _read_sources(first), totals, counts
-    )  # fmt: skip
+    sources = _read_sources(first)
+    has_classes = "class.rat" in related[0]
+    return Origin(table.path, coverages, is_double, tiling, place, metadata, sources, totals, counts, has_classes)
+
+
+def _related(coverage: Coverage) -> set[str]:
+    """Tables of the hierarchy that the schema of a coverage names; they are there, and no other."""
+    if coverage.find("fcs") is None:
+        raise VpfFormatError(str(coverage.path), "", "found no table fcs, expected one", "E-320")
+    named = {relation.table2.lower() for relation in coverage.relations if relation.table2.lower().endswith(".rat")}
+    for name in sorted(named | set(OPTIONAL)):
+        is_there = coverage.find(name) is not None
+        if is_there != (name in named):
+            message = f"found {'a' if is_there else 'no'} table {name}, expected {'none, ' * is_there}as fcs has it"
+            raise VpfFormatError(str(coverage.path), "", message, "E-320")
+    return named
+
+
+def _some(ids: Iterable[int]) -> str:
+    """Ids as text, the first of many."""
+    listed = sorted(ids)
+    return ", ".join(map(str, listed[:9])) + (" …" if len(listed) > 9 else "")
 
 
 def _coverage(library: Library, level: int) -> Coverage:

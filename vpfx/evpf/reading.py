@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from vpfx.errors import FormatError, InputError, InvariantError, NotFoundError, VpfFormatError
-from vpfx.evpf.class_reading import has_classes, read_classes
+from vpfx.evpf.class_reading import read_classes
 from vpfx.evpf.origin import Origin, read_origin
 from vpfx.evpf.tile_reading import TileReader
 from vpfx.store.edit import edit_store
@@ -75,6 +75,8 @@ def import_vpf(
 
     Raises
     ------
+    InputError
+        The store would lie in the database.
     NotFoundError
         There is no such directory, or it is no VPF.
     VpfFormatError
@@ -96,6 +98,8 @@ def import_vpf(
     path = Path(output)
     check_target(path, overwrite)
     library = _find_library(Path(directory))
+    if library.root.resolve() in path.resolve().parents:
+        raise InputError(f"output: found {output}, which lies in the database that is read; give another place")
     origin = read_origin(library)
     try:
         levels = _write(origin, path, overwrite, progress)
@@ -140,7 +144,7 @@ def _write(origin: Origin, path: Path, overwrite: bool, progress: Progress | Non
 
         def then(written: Path, summary: Sequence[LevelSummary]) -> None:
             origin.check_counts(summary)
-            if has_classes(origin.coverages[0]):
+            if origin.has_classes:
                 _write_classes(origin, written, reader)
 
         return writer.finish(origin.totals, origin.metadata, origin.sources, then)

@@ -116,7 +116,9 @@ class TileReader:
             found = read_primitives(level.coverage, tile.number + 1, faces.n_row, self._is_double)
             index = nodes.add(number, self._node_table(level.nodes.take(tile.number + 1), found))
             mesh = self._level_mesh(level, tile, found, faces, index)
-            if before is not None and level.parents is not None:
+            if before is None or level.parents is None:
+                _check_none(faces, "is on the first level")
+            else:
                 mesh = self._linked(mesh, level.parents.take(tile.number + 1), faces, before)
             levels.append(mesh)
             paths.append(found.face_path)
@@ -180,19 +182,31 @@ class TileReader:
         n_child = np.bincount(parent, minlength=before.n_row)
         message = "found no child in parent.rat of the next coverage, expected some"
         check(n_child >= 1, before.path, message, "E-420", start=before.start)
-        self._check_parents(faces, before, parent)
-        area = None if self._is_nested else rows["area"]
-        if area is not None:
+        area = None
+        if self._is_nested:
+            given, expected = faces["parent"], before.start + 1 + parent
+            check(
+                given == expected,
+                faces.path,
+                "found parent {}, expected {}, as in parent.rat",
+                "E-300",
+                given,
+                expected,
+                start=faces.start,
+            )
+        else:
+            _check_none(faces, "may have several")
+            area = rows["area"]
             is_area = np.isfinite(area) & (area > 0)
             check(is_area, rows.path, "found area {}, expected one above 0", "E-420", area, start=rows.start)
         return replace(mesh, links=np.stack(link, axis=1).astype(np.int32), link_area=area)
 
-    def _check_parents(self, faces: Run, before: Run, parent: Ints) -> None:
-        """Compare the parents in `tinface` with the links."""
-        given = faces["parent"]
-        is_good = given == before.start + 1 + parent if self._is_nested else is_null(given, "I")
-        expected = "that of parent.rat" if self._is_nested else "none, levels are not nested"
-        check(is_good, faces.path, f"found parent {{}}, expected {expected}", "E-300", given, start=faces.start)
+
+def _check_none(faces: Run, why: str) -> None:
+    """Refuse faces that name a parent in `tinface`."""
+    given = faces["parent"]
+    message = f"found parent {{}}, expected none: the face {why}"
+    check(is_null(given, "I"), faces.path, message, "E-300", given, start=faces.start)
 
 
 def _check_each(rows: Run, name: str, count: int, first: int) -> None:
