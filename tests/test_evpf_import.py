@@ -23,7 +23,7 @@ from vpfx.cli import main
 from vpfx.errors import InputError, NotFoundError, StoreError, VpfFormatError
 from vpfx.evpf.corners import Edges, Rings, face_corners, walk_rings
 from vpfx.evpf.reading import import_vpf
-from vpfx.evpf.writer import write_database_of
+from vpfx.evpf.writing import export_vpf
 from vpfx.store.edit import edit_store
 from vpfx.vpf.table import Ragged, read_table, write_table
 from vpfx.vpf.values import texts
@@ -48,7 +48,7 @@ def exported(request, tmp_path_factory):
         ids = editor.add_features("soil", rows)
         editor.describe_values("soil", "code", {1: "deep"})
         editor.set_faces("soil", [1, 2], ids)
-    return store, write_database_of(store, folder / "vpf", is_double=True).path
+    return store, export_vpf(store, folder / "vpf", is_double=True).path
 
 
 @pytest.fixture
@@ -174,7 +174,7 @@ def small(tmp_path_factory):
     """Return a directory of four tiles and two levels."""
     dem = write_dem(tmp_path_factory.mktemp("small") / "a.tif", hills(12, 10))
     store = vpfx.build(dem, dem.with_name("a.gpkg"), max_error=(20, 9), tile_size=8).path
-    return write_database_of(store, dem.with_name("vpf"), is_double=True).path
+    return export_vpf(store, dem.with_name("vpf"), is_double=True).path
 
 
 DEFECTS = {
@@ -351,7 +351,7 @@ def test_places_of_the_store(small, tmp_path):
 
 def test_upper_case(small, tmp_path):
     store = small.with_name("a.gpkg")
-    folder = write_database_of(store, tmp_path / "VPF", is_double=True, is_upper=True).path
+    folder = export_vpf(store, tmp_path / "VPF", is_double=True, is_upper=True).path
     assert import_vpf(folder, tmp_path / "b.gpkg").path.read_bytes() == store.read_bytes()
 
 
