@@ -240,10 +240,10 @@ def check_place(borders: Borders) -> Iterator[Defects]:
 SOUND = ("table_header", "table_rows", "primitive_references", "edge_ends", "edge_places")
 
 RULES = (
-    Rule("V742", "external_range", ERROR, "V-404", "a triplet names what another tile does not have", check_range, "borders",
+    Rule("V742", "external_range", ERROR, "V-507", "a triplet names what another tile does not have", check_range, "borders",
          needs=SOUND),
-    Rule("V743", "external_faces", ERROR, "V-404", "faces on the two sides of a border do not name each other", check_back,
+    Rule("V743", "external_faces", ERROR, "V-507", "faces on the two sides of a border do not name each other", check_back,
          "borders", needs=(*SOUND, "external_range")),
-    Rule("V744", "external_edges", ERROR, "V-404", "an edge named across a border does not touch the node", check_place,
+    Rule("V744", "external_edges", ERROR, "V-507", "an edge named across a border does not touch the node", check_place,
          "borders", needs=(*SOUND, "external_range")),
 )  # fmt: skip

@@ -183,9 +183,9 @@ def _describe_entry(where: str, index: spatial_index.SpatialIndex, boxes: Floats
 
 
 RULES = (
-    Rule("V750", "edge_boxes", ERROR, "V-254", "the rectangle of an edge does not hold it", check_edge_boxes, "tile",
+    Rule("V750", "edge_boxes", ERROR, "V-506", "the rectangle of an edge does not hold it", check_edge_boxes, "tile",
          needs=("table_header", "table_rows", "edge_places")),
-    Rule("V751", "face_boxes", ERROR, "V-254", "the rectangle of a face does not hold it", check_face_boxes, "tile",
+    Rule("V751", "face_boxes", ERROR, "V-506", "the rectangle of a face does not hold it", check_face_boxes, "tile",
          needs=("primitive_references", "edge_ends", "edge_places", "edges_cross", "edges_overlap", "ring_faces",
                 "face_count")),
     Rule("V752", "spatial_index", ERROR, "V-300", "a spatial index does not have each primitive once", check_indexes, "tile",

@@ -42,8 +42,8 @@ class Lines(NamedTuple):
 
 def add_border(tile: EvpfTile, borders: Borders) -> None:
     """Gather what a tile says at its borders, and all edges that touch them."""
-    places = tile.tile.node_places
-    if places is not None and tile.level.evpf.tiling is not None:
+    places, tiling = tile.tile.node_places, tile.level.evpf.tiling
+    if places is not None and tiling is not None and 1 <= tile.tile_id <= tiling.n_tile:
         x, y = border_lines(tile)
         borders.add(tile.tile, np.isin(places[:, 0], x) | np.isin(places[:, 1], y))
         tile.level.n_face[tile.tile_id] = tile.n_face

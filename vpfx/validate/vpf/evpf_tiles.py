@@ -246,7 +246,7 @@ TILE = (*FACES, "evpf_metadata", "evpf_features")
 
 RULES = (
     Rule("V774", "evpf_features", ERROR, "E-300", "features do not follow faces and nodes", check_features, "evpf tile",
-         needs=("evpf_metadata", "feature_references")),
+         needs=("table_header", "table_rows", "evpf_metadata", "feature_references")),
     Rule("V775", "evpf_rings", ERROR, "E-220", "the ring of a face does not have three edges, or not in order", check_rings,
          "evpf tile", needs=TILE),
     Rule("V776", "evpf_junctions", ERROR, "E-222", "a node in a side of a face is none", check_junctions, "evpf tile",

@@ -172,10 +172,10 @@ def _described(coverage: CoverageData, value_table: str, table: str, column: str
 
 
 RULES = (
-    Rule("V713", "universe_feature", ERROR, "V-410", "a feature is the universe", check_universe, "class",
+    Rule("V713", "universe_feature", ERROR, "V-504", "a feature is the universe", check_universe, "class",
          needs=("table_header", "table_rows")),
-    Rule("V718", "feature_references", ERROR, "V-204", "a feature names a primitive that does not exist", check_references,
+    Rule("V718", "feature_references", ERROR, "V-401", "a feature names a primitive that does not exist", check_references,
          "class", needs=("table_header", "table_rows")),
-    Rule("V719", "values_described", NOTE, "V-116", "a code is not described", check_values, "class",
+    Rule("V719", "values_described", NOTE, "V-207", "a code is not described", check_values, "class",
          needs=("table_header", "table_rows")),
 )  # fmt: skip

@@ -228,6 +228,8 @@ class EvpfTile:
     def has_three_corners(self) -> bool:
         """Whether each face has."""
         starts = self.ring_nodes[0]
+        if len(starts) != self.n_face + 1:
+            return False
         count = (
             np.add.reduceat(np.concatenate([~self.is_junction, [False]]), starts[:-1])
             if len(starts) > 1

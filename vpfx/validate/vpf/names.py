@@ -70,9 +70,10 @@ def check_missing(data: FolderData) -> Iterator[Defects]:
         return
     wanted = list(MANDATORY[data.kind])
     files, tile = data.folder.files, data.tile
-    if tile is not None and "edg" in files:
-        wanted += ["cnd"] if tile.level >= 1 else []
-        wanted += ["fac", "rng"] if tile.level >= 3 else []
+    level = None if tile is None else tile.level if "edg" in files else tile.coverage.level
+    if level is not None:
+        wanted += ["edg", "cnd"] if level >= 1 and {"edg", "cnd", "fac", "rng"} & set(files) else []
+        wanted += ["fac", "rng"] if level >= 3 and {"edg", "fac", "rng"} & set(files) else []
     if data.kind == "coverage" and not any(FEATURE_TABLE.fullmatch(name) for name in files):
         wanted.remove("fcs")
     if "tileref" in data.there and data.folder.below("tileref"):
@@ -217,6 +218,6 @@ RULES = (
          "coverage", needs=("table_header", "table_rows", "table_columns", "relations")),
     Rule("V716", "class_lists", WARNING, "V-205", "the lists of feature classes differ", check_classes, "coverage",
          needs=("table_header", "table_rows", "table_columns", "relations", "relation_order")),
-    Rule("V717", "files_named", WARNING, "V-206", "a header names a file that is not there", check_files, "table",
+    Rule("V717", "files_named", WARNING, "V-250", "a header names a file that is not there", check_files, "table",
          needs=("table_header",)),
 )  # fmt: skip

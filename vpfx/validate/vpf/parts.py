@@ -26,6 +26,8 @@ __all__ = ["CoverageData", "DatabaseData", "LibraryData", "Target", "TileRow", "
 
 MOST_LISTED = 100_000
 """Rows of a list of libraries, coverages, classes or tiles that are looked at; the most seen are 5 000."""
+UNKNOWN = 2**62
+"""Number of rows of a table that cannot be read: whatever names one of them is not judged."""
 LIBRARY_TABLES = {"cat", "lht", "grt"}
 REFERENCES = ("libref", "tileref", "gazette")
 """Coverages that are never cut into tiles."""
@@ -224,12 +226,12 @@ class CoverageData:
         return None if row is None else self.folder.below(*row.parts)
 
     def count(self, primitive: str, tile_id: int) -> int | None:
-        """Rows of a table of primitives of a tile; None if there is no such table, or it is broken."""
+        """Rows of a table of primitives of a tile; None if there is no such table, `UNKNOWN` if it is broken."""
         key = primitive, tile_id
         if key not in self._counts:
             folder = self.tile_folder(tile_id)
             table = None if folder is None else folder.table(primitive)
-            self._counts[key] = None if table is None or table.head is None else table.n_row
+            self._counts[key] = None if table is None else UNKNOWN if table.head is None else table.n_row
         return self._counts[key]
 
     def tables(self) -> Iterator[TableData]:

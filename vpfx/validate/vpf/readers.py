@@ -169,7 +169,7 @@ def check_nulls(data: ScannedTable) -> Iterator[Defects]:
 RULES = (
     Rule("V760", "big_endian", WARNING, "V-101", "a table has its most significant byte first", check_order, "folder"),
     Rule("V761", "name_case", WARNING, "V-201", "a name is not in lower case", check_case, "folder"),
-    Rule("V762", "companions", WARNING, "V-132", "a file that readers look for beside a table is not there", check_companions,
+    Rule("V762", "companions", WARNING, "V-130", "a file that readers look for beside a table is not there", check_companions,
          "folder"),
     Rule("V763", "double_coordinates", NOTE, "V-254", "coordinates are in double precision", check_double,
          "coverage"),

@@ -8,6 +8,7 @@ from vpfx.validate.run import Stage
 from vpfx.validate.vpf.borders import Borders
 from vpfx.validate.vpf.evpf_borders import add_border
 from vpfx.validate.vpf.evpf_classes import Inheritance
+from vpfx.validate.vpf.evpf_tables import check_tables
 from vpfx.validate.vpf.evpf_tiles import add_sums
 from vpfx.validate.vpf.features import ClassData
 from vpfx.validate.vpf.folders import TableData
@@ -78,7 +79,12 @@ def _coverage_stages(coverage: CoverageData) -> Iterator[Stage]:
 
 def _evpf_stages(evpf: EvpfData) -> Iterator[Stage]:
     """Yield the levels of a TIN: as a whole, then tile by tile from coarse to fine, then level by level."""
-    yield Stage("evpf", evpf, (evpf.library.folder.where or ".",))
+    whole = (evpf.library.folder.where or ".",)
+    yield Stage("evpf", evpf, whole)
+    if any(True for _ in check_tables(evpf)):
+        for scope in ("evpf tile", "evpf level", "evpf shares"):
+            yield Stage(scope, None, whole)  # all rules there need those tables: the report says so
+        return
     inheritance = Inheritance(evpf)
     for tile in evpf.tiles():
         yield Stage("evpf tile", tile, tile.keys)
@@ -88,4 +94,4 @@ def _evpf_stages(evpf: EvpfData) -> Iterator[Stage]:
             inheritance.add(tile)
     for level in evpf.levels:
         yield Stage("evpf level", level, (level.where,))
-    yield Stage("evpf shares", inheritance, (evpf.library.folder.where or ".",))
+    yield Stage("evpf shares", inheritance, whole)

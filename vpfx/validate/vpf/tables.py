@@ -113,7 +113,7 @@ RULES = (
          needs=("table_rows",)),
     Rule("V707", "table_columns", ERROR, "V-250", "a table of the standard lacks a column, or has it in another type",
          check_columns, "table", needs=("table_header",)),
-    Rule("V708", "key_values", ERROR, "V-104", "a key has no value, or one that is not unique", check_keys, "table",
+    Rule("V708", "key_values", ERROR, "V-250", "a key has no value, or one that is not unique", check_keys, "table",
          needs=("table_rows",)),
     Rule("V709", "text_values", WARNING, "V-113", "a text has other characters than its type, or a date is none", check_texts,
          "table", needs=("table_rows",)),

@@ -110,10 +110,10 @@ def check_library_extent(tile: TileData) -> Iterator[Defects]:
 
 
 RULES = (
-    Rule("V740", "tile_rows", ERROR, "V-207", "a tile has no path, face or rectangle of its own", check_rows, "library",
+    Rule("V740", "tile_rows", ERROR, "V-206", "a tile has no path, face or rectangle of its own", check_rows, "library",
          needs=("table_header", "table_rows", "table_columns")),
-    Rule("V741", "tile_rectangle", ERROR, "V-207", "a place lies outside the rectangle of its tile", check_tile_extent, "tile",
+    Rule("V741", "tile_rectangle", ERROR, "V-508", "a place lies outside the rectangle of its tile", check_tile_extent, "tile",
          needs=("table_rows", "edge_places", "tile_rows")),
-    Rule("V745", "library_extent", WARNING, "V-203", "a place lies outside the extent of its library", check_library_extent,
+    Rule("V745", "library_extent", WARNING, "V-508", "a place lies outside the extent of its library", check_library_extent,
          "tile", needs=("table_rows", "edge_places")),
 )  # fmt: skip
