@@ -48,6 +48,19 @@ def on_faces(path):
     return query(path, "SELECT face_id, feature_id, share FROM face_feature ORDER BY 1, 2")
 
 
+def test_ids_can_be_given(path):
+    """The importer gives features and classes the ids they had."""
+    with edit_store(path) as editor:
+        assert editor.create_class("rock", {"age": "integer"}, class_id=9).class_id == 9
+        assert editor.add_features("rock", {"age": [3, 4]}, [12, 7]).tolist() == [12, 7]
+        assert editor.add_features("rock", {"age": [5]}).tolist() == [13]
+        with pytest.raises(InputError, match="found 1 ids and columns of 2 values, expected as many"):
+            editor.add_features("rock", {"age": [3, 4]}, [20])
+    assert query(path, "SELECT * FROM rock") == [(7, 4), (12, 3), (13, 5)]
+    with pytest.raises(InputError, match="UNIQUE constraint failed"), edit_store(path) as editor:
+        editor.add_features("rock", {"age": [6]}, [1])
+
+
 def test_what_was_made(path):
     assert query(path, "SELECT * FROM soil") == [(1, "clay", 1.0), (2, "sand", 2.0)]
     assert on_faces(path) == [(1, 1, 1.0), (2, 2, 1.0), (3, 1, 1.0)]
