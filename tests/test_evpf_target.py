@@ -11,6 +11,7 @@ import sys
 import time
 from contextlib import closing
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -23,6 +24,7 @@ from vpfx.cli import main
 from vpfx.errors import InputError, NotFoundError, StoreError, StoreFormatError
 from vpfx.evpf import target as targets
 from vpfx.evpf import writing
+from vpfx.evpf.joins import Joins
 from vpfx.evpf.numbering import TileNumbers
 from vpfx.evpf.planar import Sides
 from vpfx.evpf.precision import find_broken
@@ -353,6 +355,35 @@ def test_a_medium_that_refuses_is_told(store, tmp_path):
         pytest.skip("nothing is closed to this user")
     with pytest.raises(StoreError, match="cannot be made"):
         export_vpf(store, tmp_path / "closed" / "nm")
+
+
+def test_joins_find_room_before_they_are_sorted(tmp_path, monkeypatch):
+    """A file that is mapped before it has room on the medium ends the process where there is none."""
+    sizes, memmap = [], np.memmap
+    monkeypatch.setattr(
+        np, "memmap", lambda path, *rest, **given: sizes.append(os.path.getsize(path)) or memmap(path, *rest, **given)
+    )
+    with Joins(tmp_path / "joins", 3) as joins:
+        joins.append(np.array([2, 0, 2]), np.array([0.25, 1.0, 0.5]), 7, np.array([2, 3, 3]))
+        rows = []
+        joins.write(SimpleNamespace(append=rows.append), "soil_id")
+    assert sizes == [3 * (4 + 8 + 2 + 4)]
+    assert [rows[0][name].tolist() for name in rows[0]] == [[1, 2, 3], [1, 3, 3], [1.0, 0.25, 0.5], [7] * 3, [3, 2, 3]]
+    assert os.listdir(tmp_path) == []
+
+
+def test_joins_without_room_are_told(tmp_path):
+    resource = pytest.importorskip("resource", reason="this system has no limits for files")
+    before = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (1000, before[1]))
+    try:
+        with Joins(tmp_path / "joins", 1) as joins:
+            joins.append(np.zeros(100, int), np.ones(100), 1, np.arange(100))
+            with pytest.raises(StoreError, match="joins: cannot be written"):
+                joins.write(SimpleNamespace(), "soil_id")
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, before)
+    assert os.listdir(tmp_path) == []
 
 
 BROKEN = {
