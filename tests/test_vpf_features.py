@@ -222,6 +222,18 @@ def test_tiles_that_are_not_there(tmp_path):
     assert "tiles 2, 4" in read(path, "area").problems[0]
 
 
+def test_broken_tiles_leave_coverages_without_tiles(tmp_path):
+    store = build_kind("tiles", tmp_path)
+    pick(EXPORTERS, "vpf", "format").write(store, tmp_path / "hills")
+    table = tmp_path / "hills/terrain/tileref/tileref.aft"
+    table.write_bytes(table.read_bytes().replace(rb"00\00", rb"..\00"))
+    coverages = {found.name: found for found in open_coverages(tmp_path / "hills").coverages}
+    outline = read_class(coverages["libref"], feature_classes(coverages["libref"])[0]["libref"])
+    assert (outline.problems, len(outline.geometry[0].coords)) == ((), 5)
+    faces = read_class(coverages["tin0"], feature_classes(coverages["tin0"])[0]["tinface"])
+    assert "V-202" in faces.problems[0]
+
+
 def test_a_broken_tile_leaves_the_others(tmp_path):
     ground = ground_of()
     path = write_database(tmp_path / "db", ground)

@@ -179,7 +179,7 @@ def _read_parts(coverage: Coverage, primitive: str, references: _References, whe
 def _path_of(coverage: Coverage, primitive: str, tile: int) -> Path:
     """Table of primitives of a tile; of the coverage itself for tile 0, and where the library has no tiles."""
     name = "edg" if primitive == "fac" else primitive
-    if tile not in coverage.library.tiles and coverage.find(name) is not None:
+    if tile and tile not in coverage.library.tiles and coverage.find(name) is not None:
         tile = 0
     return coverage.table(name, tile)
 
