@@ -58,6 +58,7 @@ def add_classes(path):
         lakes = editor.add_features("soil_of_the_lake", {"a": [5, 6]})
         editor.describe_values("soil_of_the_land", "code", {1: "One; two", 2: "Zwölf", 99: "x" * 60})
         editor.describe_values("soil_of_the_land", "kind", {"clay": "Clay", "Löß": "Loess"})
+        editor.describe_values("soil_of_the_land", "name", {"ö": "A letter"})
         editor.describe_values("soil_of_the_land", "serial", {2**40: "Much"})
         coarse, fine = levels[0], levels[max(levels)]
         editor.set_faces("soil_of_the_land", coarse[::2], soils[0])
@@ -229,8 +230,8 @@ def test_features_of_classes(exported):
         texts = rows_of(library / f"tin{level}" / "char.vdt")
         assert texts == [
             ("soil_of_.aft", "kind", "Löß", "Loess"), ("soil_of_.aft", "kind", "clay", "Clay"),
-            ("soil_of_.aft", "serial", str(2**40), "Much"),
-        ]  # fmt: skip
+            ("soil_of_.aft", "name", "\\u00f6", "A letter"), ("soil_of_.aft", "serial", str(2**40), "Much"),
+        ]  # fmt: skip  # as the columns have them
 
 
 def spelled(texts):

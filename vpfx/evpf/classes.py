@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from vpfx.errors import InputError
 from vpfx.evpf.folder import Folder
 from vpfx.evpf.names import COLUMN_NAMES, OWN_CLASSES, cut_names
-from vpfx.evpf.texts import to_vpf
+from vpfx.evpf.texts import to_column, to_vpf
 from vpfx.store import classes as stored
 from vpfx.store.reader import StoreReader
 from vpfx.vpf import layouts
@@ -137,15 +137,16 @@ def write_class(coverage: Folder, table: ClassTable) -> None:
     coverage.write(f"{table.name}.aft", table.layout, table.columns)
 
 
-def value_rows(coverage: Folder, tables: list[ClassTable], value_table: str) -> list[tuple[str, str, str, str]]:
-    """Rows of `int.vdt` or `char.vdt`: table, attribute, value, description; integers that are none are left out."""
+def _value_rows(coverage: Folder, tables: list[ClassTable], value_table: str) -> list[tuple[str, str, str, str]]:
+    """Rows of `int.vdt` or `char.vdt`: table, attribute, value as its column has it, description."""
     found = []
     for table in tables:
-        kinds = {column.name: column.value_table for column in table.layout.columns}
-        names = table.column_names
-        for column, value, description in table.values:
-            if kinds[names[column]] == value_table:
-                found.append((coverage.named(f"{table.name}.aft"), names[column], value, description))
+        columns = {column.name: column for column in table.layout.columns}
+        for of_store, value, description in table.values:
+            column = columns[table.column_names[of_store]]
+            if column.value_table == value_table:
+                written = to_column(value, column.kind)
+                found.append((coverage.named(f"{table.name}.aft"), column.name, written, description))
     return found
 
 
@@ -154,14 +155,14 @@ def write_values(coverage: Folder, tables: list[ClassTable]) -> None:
     filled = coverage.named("tinface.aft")
     rows = [(filled, "filled", 0, "Ground with data"), (filled, "filled", 1, "Heights interpolated")]
     rows += [
-        (*row[:2], int(row[2]), _short(row[3])) for row in value_rows(coverage, tables, "int.vdt") if _is_int(row[2])
+        (*row[:2], int(row[2]), _short(row[3])) for row in _value_rows(coverage, tables, "int.vdt") if _is_int(row[2])
     ]
     coverage.write("int.vdt", layouts.INT_VDT, _numbered(layouts.INT_VDT, rows))
-    texts = value_rows(coverage, tables, "char.vdt")
+    texts = _value_rows(coverage, tables, "char.vdt")
     if texts:
-        kind, values = to_vpf([row[2] for row in texts])
-        layout = layouts.char_vdt(max(len(value or "") for value in values), kind)
-        shown = [(*row[:2], value, _short(row[3])) for row, value in zip(texts, values, strict=True)]
+        kind = "T" if all(value.isascii() for _, _, value, _ in texts) else "L"
+        layout = layouts.char_vdt(max(len(value) for _, _, value, _ in texts), kind)
+        shown = [(*row[:3], _short(row[3])) for row in texts]
         coverage.write("char.vdt", layout, _numbered(layout, shown))
 
 

@@ -11,7 +11,7 @@ from collections.abc import Sequence
 
 from vpfx.errors import VpfFormatError
 
-__all__ = ["from_vpf", "to_vpf"]
+__all__ = ["from_vpf", "to_column", "to_vpf"]
 
 _BEYOND = re.compile(r"[^\x00-\x7f]")
 _ESCAPE = re.compile(r"\\(u[0-9a-f]{4}|.|$)", re.DOTALL)
@@ -27,13 +27,23 @@ def to_vpf(texts: Sequence[str | None]) -> tuple[str, list[str | None]]:
     >>> to_vpf(["Δ", "a\\b", "ö"])
     ('T', ['\\u0394', 'a\\\\b', '\\u00f6'])
     """
-    escaped = [None if text is None else text.replace("\\", "\\\\") or "\\e" for text in texts]
-    given = [text for text in escaped if text is not None]
-    if all(text.isascii() for text in given):
-        return "T", escaped
-    if all(ord(max(text)) < 0x100 for text in given):
-        return "L", escaped
-    return "T", [None if text is None else _BEYOND.sub(_utf_16, text) for text in escaped]
+    beyond = max((ord(max(text)) for text in texts if text), default=0)
+    kind = "L" if 0x7F < beyond < 0x100 else "T"
+    return kind, [None if text is None else to_column(text, kind) for text in texts]
+
+
+def to_column(text: str, kind: str) -> str:
+    r"""Return a text as a column of type T or L has it.
+
+    Examples
+    --------
+    >>> [to_column(text, kind) for kind in "TL" for text in ("ö\\", "Δ", "")]
+    ['\\u00f6\\\\', '\\u0394', '\\e', 'ö\\\\', '\\u0394', '\\e']
+    """
+    escaped = text.replace("\\", "\\\\") or "\\e"
+    if escaped.isascii() or (kind == "L" and ord(max(escaped)) < 0x100):
+        return escaped
+    return _BEYOND.sub(_utf_16, escaped)
 
 
 def _utf_16(found: re.Match[str]) -> str:
