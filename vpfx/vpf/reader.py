@@ -115,7 +115,14 @@ def read_class(coverage: Coverage, found: FeatureClass) -> FeatureRows:
             strings[row] = text
         name = "string" if "string" not in fields else "txt_string"
         fields[name] = text_field(strings)
-    return FeatureRows(fields, geometry, (*problems, *parts.problems))
+    return FeatureRows(fields, geometry, (*problems, *_row_problems(coverage, references), *parts.problems))
+
+
+def _row_problems(coverage: Coverage, references: _References) -> tuple[str, ...]:
+    """Rows that are no tiles, where tiles are asked for; a tile reference that is broken is told with them."""
+    with suppress(VpfFormatError):
+        return coverage.library.problems if references.tile.any() else ()
+    return ()
 
 
 def _references(
@@ -266,8 +273,9 @@ def read_primitives(coverage: Coverage, primitive: str) -> FeatureRows:
     """
     tables: list[dict[str, Field]] = []
     shapes: list[Geometries] = []
-    problems: list[str] = []
-    for tile in tiles_of(coverage, primitive):
+    asked = tiles_of(coverage, primitive)
+    problems = [*coverage.library.problems] if any(asked) else []
+    for tile in asked:
         try:
             fields, geometry, told = _primitives_of_tile(coverage, primitive, tile)
         except VpfFormatError as error:
