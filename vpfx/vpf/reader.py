@@ -22,14 +22,13 @@ from numpy.typing import NDArray
 from vpfx.errors import NotFoundError, VpfFormatError
 from vpfx.vpf.catalog import Coverage, FeatureClass
 from vpfx.vpf.decode import Field, decode_fields, text_field
-from vpfx.vpf.geometry import edge_lines, face_polygons, find_rows, ids_of, node_points, text_places
+from vpfx.vpf.geometry import Geometries, edge_lines, face_polygons, find_rows, ids_of, node_points, text_places
 from vpfx.vpf.merge import merge_parts
 from vpfx.vpf.paths import find
 from vpfx.vpf.table import Table, open_table, read_table
 
 __all__ = ["FeatureRows", "class_tables", "has_faces", "read_class", "read_primitives", "tiles_of"]
 
-Geometries = NDArray[np.object_]
 Ids = NDArray[np.int64]
 
 MOST_SHOWN = 5  # numbers in one message
