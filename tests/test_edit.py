@@ -9,6 +9,7 @@ import subprocess
 import sys
 import threading
 from contextlib import closing
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -153,9 +154,17 @@ def test_a_killed_writer_is_told_and_undone(path, tmp_path):
         writer.execute("UPDATE face SET slope_centidegrees = 1")
         for suffix in ("", "-journal"):
             shutil.copy(f"{path}{suffix}", f"{killed}{suffix}")
+            shutil.copy(f"{path}{suffix}", tmp_path / f"kept{suffix}")
     for ask in (lambda: vpfx.open_store(killed), lambda: answer_sql(killed, DEPTHS)):
         with pytest.raises(StoreError, match="a change that was interrupted, which waits to be undone"):
             ask()
+    shutil.copy(path, killed)
+    Path(f"{killed}-journal").unlink()
+    with vpfx.open_store(killed) as store:  # and the writer is killed behind its back
+        for suffix in ("", "-journal"):
+            shutil.copy(tmp_path / f"kept{suffix}", f"{killed}{suffix}")
+        with pytest.raises(StoreError, match="a change that was interrupted, which waits"), store.snapshot():
+            pass
     attach_sql(killed, "steep", "SELECT face_id, 1 AS yes FROM face WHERE face_id < 5")
     assert query(killed, DEPTHS) == before
     assert query(killed, "SELECT * FROM face") == faces

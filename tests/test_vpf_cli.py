@@ -120,7 +120,7 @@ def test_dump_of_some_rows(run, tmp_path, rows, ids):
     assert [row["id"] for row in json.loads(out)] == ids
 
 
-@pytest.mark.parametrize("rows", ["0:1", "1", "a:b", "-1:2", "1:0", "1:2:3"])
+@pytest.mark.parametrize("rows", ["0:1", "1", "a:b", "-1:2", "1:0", "1:2:3", "5:2"])
 def test_rows_that_are_none(run, tmp_path, rows):
     put(tmp_path / "rng", layouts.RNG, [(1, 1)])
     code, out, err = run("dump", tmp_path / "rng", f"--rows={rows}")
