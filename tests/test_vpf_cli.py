@@ -111,7 +111,7 @@ def test_dump_of_every_type(run, tmp_path):
 
 @pytest.mark.parametrize(
     ("rows", "ids"),
-    [("2:3", [2, 3]), (":2", [1, 2]), ("3:", [3, 4]), (":", [1, 2, 3, 4]), ("4:9", [4]), ("9:", []), ("3:2", [])],
+    [("2:3", [2, 3]), (":2", [1, 2]), ("3:", [3, 4]), (":", [1, 2, 3, 4]), ("4:9", [4]), ("9:", [])],
 )
 def test_dump_of_some_rows(run, tmp_path, rows, ids):
     put(tmp_path / "rng", layouts.RNG, [(1, 1)] * 4)
