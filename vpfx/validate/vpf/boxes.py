@@ -50,9 +50,10 @@ def _face_boxes(tile: TileData) -> Floats | None:
         return None
     edge_boxes = np.repeat(place_boxes(tile.edges.places), 2, axis=0)
     order = np.argsort(tile.plane.side_face, kind="stable")
-    faces, first = np.unique(tile.plane.side_face[order], return_index=True)
-    boxes = np.full((tile.n_face, 4), np.nan)
-    if len(faces):
+    of_side, boxes = tile.plane.side_face[order], np.full((tile.n_face, 4), np.nan)
+    if len(of_side):
+        first = np.flatnonzero(np.concatenate([[True], of_side[1:] != of_side[:-1]]))
+        faces = of_side[first]
         boxes[faces, :2] = np.minimum.reduceat(edge_boxes[order, :2], first)
         boxes[faces, 2:] = np.maximum.reduceat(edge_boxes[order, 2:], first)
     boxes[:1] = np.nan

@@ -231,20 +231,20 @@ def _compare(level: LevelTables, table: TableData, key: str, expected: Pairs, sl
     if tile is None or face is None or feature is None or table.rows is None:
         return
     found = Pairs(_faces_of(level, tile, face), feature, table.rows["share"])
-    both = np.column_stack(
-        [np.concatenate([found.face, expected.face]), np.concatenate([found.feature, expected.feature])]
-    )
-    different, first, pair = np.unique(both, axis=0, return_index=True, return_inverse=True)
-    n_found, pair = len(found.face), pair.ravel()
+    features = np.concatenate([found.feature, expected.feature])
+    n_found, n_feature = len(found.face), int(features.max(initial=0)) + 1
+    both = np.concatenate([found.face, expected.face]) * n_feature + features
+    different, first, pair = np.unique(both, return_index=True, return_inverse=True)
     told = np.bincount(pair[:n_found], found.share, minlength=len(different))
     wanted = np.bincount(pair[n_found:], expected.share, minlength=len(different))
-    far = np.abs(told - wanted) > SHARE_ERROR + slack[np.maximum(different[:, 0], 0)]
+    of_face, of_feature = np.divmod(different, n_feature)
+    far = np.abs(told - wanted) > SHARE_ERROR + slack[np.maximum(of_face, 0)]
     wrong = np.flatnonzero(far)
     message = "found share {:.9g} of feature {} on face {} of tinface.aft, expected {:.9g}".format
 
     def describe(i: int) -> tuple[str, str]:
         row = f" row={first[i] + 1}" if first[i] < n_found else ""
-        return f"table={table.where}{row}", message(told[i], different[i, 1], different[i, 0] + 1, wanted[i])
+        return f"table={table.where}{row}", message(told[i], of_feature[i], of_face[i] + 1, wanted[i])
 
     yield from some(wrong, describe)
 

@@ -39,7 +39,7 @@ def check_links(tile: EvpfTile) -> Iterator[Defects]:
         return
     where = tile.level.place(name)
     for n_face, ids, what, own in ((tile.n_face, child, "parent", tile), (older.n_face, parent, "child", older)):
-        lost = np.setdiff1d(np.arange(2, n_face + 2), ids)
+        lost = np.flatnonzero(np.bincount(ids, minlength=n_face + 2)[2:] == 0) + 2
         place = own.tile.place("fac")
         yield from some(lost, _describe_lost(where, what, place))
 

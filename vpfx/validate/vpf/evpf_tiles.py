@@ -162,12 +162,10 @@ def _rows_before(tile: EvpfTile, xyz: NDArray[np.float64]) -> Ids:
     older = None if tile.before is None else tile.before.tile.node_places
     if older is None or not len(older):
         return np.full(len(xyz), -1)
-    places = np.concatenate([older[:, :2], xyz[:, :2]])
-    _, key = np.unique(places, axis=0, return_inverse=True)
-    key = key.ravel()
-    row_of = np.full(int(key.max(initial=0)) + 1, -1)
-    row_of[key[: len(older)]] = np.arange(len(older))
-    return row_of[key[len(older) :]]
+    known, asked = (part[:, 0] + 1j * part[:, 1] for part in (older, xyz))  # complex numbers are sorted by x, then y
+    order = np.argsort(known)
+    at = order[np.minimum(np.searchsorted(known, asked, sorter=order), len(known) - 1)]
+    return np.where(known[at] == asked, at, -1)
 
 
 def check_faces(tile: EvpfTile) -> Iterator[Defects]:

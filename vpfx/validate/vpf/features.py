@@ -16,7 +16,7 @@ from vpfx.validate.vpf.parts import CoverageData
 from vpfx.validate.vpf.scan import Tally
 from vpfx.vpf.header import Column
 from vpfx.vpf.schema import FeatureClass
-from vpfx.vpf.table import Table
+from vpfx.vpf.table import Ragged, Table
 from vpfx.vpf.values import is_null, texts, value_descriptions
 
 __all__ = ["RULES", "ClassData"]
@@ -89,10 +89,12 @@ class ClassData:
 
     def _counts(self, tiles: Ids) -> Ids:
         """Rows of the primitives in each tile; -1 where there are none."""
-        different, inverse = np.unique(tiles, return_inverse=True)
-        counts = [self.coverage.count(self.feature_class.primitive, tile) for tile in different.tolist()]
-        known: Ids = np.array([-1 if count is None else count for count in counts], np.int64)[inverse]
-        return known
+        change = (
+            np.flatnonzero(np.concatenate([[True], tiles[1:] != tiles[:-1]])) if len(tiles) else np.empty(0, np.int64)
+        )
+        counts = [self.coverage.count(self.feature_class.primitive, tile) for tile in tiles[change].tolist()]
+        known = np.array([-1 if count is None else count for count in counts], np.int64)
+        return np.repeat(known, np.diff(np.append(change, len(tiles))))
 
     def _check_features(self, rows: Table, start: int, wrong: Tally) -> None:
         join, table = self.feature_class.join, self.join
@@ -132,29 +134,25 @@ def _check_codes(data: ClassData, table: TableData, column: Column) -> Iterator[
     described = _described(data.coverage, column.value_table, table.name, column.name)
     if not described:
         return
-    seen: dict[Any, int] = {}
-    for start, rows in table.batches():
-        _note_values(seen, rows[column.name], column, start)
+    seen: set[Any] = set()
+    for _, rows in table.batches():
+        seen.update(_different(rows[column.name], column))
         if len(seen) > MOST_VALUES:
             return
-    unknown = {value: row for value, row in seen.items() if value not in described}
+    unknown = sorted(seen - described, key=str)
     if unknown and len(unknown) <= CODED * len(seen):
-        where = f"table={table.where} column={column.name} row={min(unknown.values())}"
-        first = min(unknown, key=lambda value: unknown[value])
-        yield one(
-            where, f"found {len(unknown)} values that {column.value_table} does not describe, such as {first!r}"[:200]
-        )
+        where = f"table={table.where} column={column.name}"
+        found = f"found {len(unknown)} values that {column.value_table} does not describe, such as {unknown[0]!r}"
+        yield one(where, f"{found}, expected each of the {len(seen)} described")
 
 
-def _note_values(seen: dict[Any, int], values: Any, column: Column, start: int) -> None:
-    """Note the different values, each with the first row that has it."""
-    is_none = is_null(values, column.kind)
-    rows = np.flatnonzero(~is_none)
-    known = np.array([text or "" for text in texts(values)], object) if column.kind in "TL" else values
-    different, first = np.unique(known[rows].astype(str) if column.kind in "TL" else known[rows], return_index=True)
-    for value, at in zip(different.tolist(), first.tolist(), strict=True):
-        if value != "":
-            seen.setdefault(value, start + int(rows[at]) + 1)
+def _different(values: Any, column: Column) -> list[Any]:
+    """The different values of a column, nulls left out."""
+    if column.kind in "TL":
+        texts_of = texts(values if isinstance(values, Ragged) else np.unique(values))
+        return [text for text in set(texts_of) if text]
+    found: list[Any] = np.unique(values[~is_null(values, column.kind)]).tolist()
+    return found
 
 
 def _described(coverage: CoverageData, value_table: str, table: str, column: str) -> set[Any]:

@@ -34,7 +34,6 @@ FIXED = {
 SUFFIXES = {f"{kind}{form}" for kind in "aplct" for form in ("ft", "jt")} | {
     "fit", "vdt", "rat", "doc", "rjt", "njt", "dpt", "rpt", "abr", "lbr", "tbr", "pbr", "cbr",
 }  # fmt: skip
-NULLS = (NULL_INT, NULL_INT + 1, NULL_SHORT, NULL_SHORT + 1)
 
 Ids = NDArray[np.int64]
 
@@ -241,8 +240,8 @@ def numbers(table: Table | None, name: str) -> Ids | None:
     if isinstance(column, Ragged) or column.dtype.kind not in "iu" or column.shape[1:] not in ((), (3,)):
         return None
     ids = (column[:, 0] if column.ndim == 2 else column).astype(np.int64)
-    nulls = NULLS[2:] if column.dtype.itemsize == 2 else NULLS[:2]
-    ids[np.isin(ids, nulls)] = 0
+    null = NULL_SHORT if column.dtype.itemsize == 2 else NULL_INT
+    ids[(ids == null) | (ids == null + 1)] = 0
     return ids
 
 

@@ -78,7 +78,7 @@ def check_thematic_rows(coverage: CoverageData) -> Iterator[Defects]:
             continue
         of_row[index.ids] = value
         tally = Tally()
-        again = len(index.ids) - len(np.unique(index.ids))
+        again = int((np.bincount(index.ids, minlength=1) > 1).sum())
         if again:
             tally.tell(where, f"found {again} rows twice, expected each once")
         for start, rows in table.batches():
@@ -177,10 +177,18 @@ def _fit_columns(rows: Table) -> tuple[Ids, Ids, Ids, Ids] | None:
     return None if class_id is None or ids is None or own is None else (class_id, _tiles(rows, rows.n_row), ids, own)
 
 
+def _of_rows(table: TableData) -> NDArray[np.uint64]:
+    """All rows of a feature index, as numbers of `_mixed`, rising."""
+    parts = [_mixed(*columns) for _, rows in table.batches() if (columns := _fit_columns(rows)) is not None]
+    return np.sort(np.concatenate(parts)) if parts else np.empty(0, np.uint64)
+
+
 def check_fit(coverage: CoverageData) -> Iterator[Defects]:
     """A row of a feature index names a feature that has the primitive."""
     for table, classes in _fits(coverage):
         known, tally = _of_classes(coverage, classes), Tally()
+        if np.array_equal(known, _of_rows(table)):
+            continue
         for start, rows in table.batches():
             columns = _fit_columns(rows)
             if columns is None:
@@ -204,8 +212,9 @@ def _describe_fit(table: TableData, start: int, columns: tuple[Ids, ...]) -> Cal
 def check_fit_gaps(coverage: CoverageData) -> Iterator[Defects]:
     """A feature index has a row for each feature and primitive of its classes."""
     for table, classes in _fits(coverage):
-        parts = [columns for _, rows in table.batches() if (columns := _fit_columns(rows)) is not None]
-        known = np.sort(np.concatenate([_mixed(*columns) for columns in parts])) if parts else np.empty(0, np.uint64)
+        known = _of_rows(table)
+        if np.array_equal(known, _of_classes(coverage, classes)):
+            continue
         for row, feature_class in classes.items():
             for _, tile, ids, own in _features(coverage, feature_class):
                 lost = np.flatnonzero(~_has(known, _mixed(np.full(len(ids), row), tile, ids, own)))

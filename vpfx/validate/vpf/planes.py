@@ -122,19 +122,24 @@ def check_ring_rows(tile: TileData) -> Iterator[Defects]:
     yield from some(np.flatnonzero((side < 0) & ~is_universe), describe_start)
     known = row[side >= 0]
     ring = plane.ring[side[known]]
-    _, first = np.unique(ring, return_index=True)
-    again = np.setdiff1d(np.arange(len(ring)), first)
+    again = np.flatnonzero(_first_of(ring, plane.n_ring) != np.arange(len(ring)))
     yield from some(
         known[again], lambda i: (f"{where} row={i + 1}", "found the ring of an earlier row, expected each once")
     )
     blocks = row[is_first]
-    _, first = np.unique(face[blocks], return_index=True)
-    split = blocks[np.setdiff1d(np.arange(len(blocks)), first)]
+    split = blocks[_first_of(face[blocks], len(pointer)) != np.arange(len(blocks))]
     message = "found rings of other faces between, expected all rings of a face together"
     yield from some(split, lambda i: (f"{where} column=face_id row={i + 1}", message))
     expected = np.full(len(pointer), -1, np.int64)
     expected[face[blocks][::-1]] = blocks[::-1]
     yield from some(np.flatnonzero(pointer - 1 != expected), _describe_pointer(tile, pointer, expected))
+
+
+def _first_of(numbers: Ids, n: int) -> Ids:
+    """Index at which each of some numbers below n stands first among them."""
+    first = np.full(n, -1, np.int64)
+    first[numbers[::-1]] = np.arange(len(numbers))[::-1]
+    return first[numbers]
 
 
 def _describe_pointer(tile: TileData, pointer: Ids, expected: Ids) -> Callable[[int], tuple[str, str]]:

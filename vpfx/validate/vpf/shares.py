@@ -54,8 +54,9 @@ def _summed(parts: Sequence[Pairs]) -> Pairs:
     face, feature, share = (np.concatenate(column) for column in zip(*parts, strict=True))
     if not len(face):
         return Pairs.none()
-    both, pair = np.unique(np.column_stack([face, feature]), axis=0, return_inverse=True)
-    return Pairs(both[:, 0], both[:, 1], np.bincount(pair.ravel(), share).astype(np.float64))
+    n_feature = int(feature.max()) + 1
+    both, pair = np.unique(face * n_feature + feature, return_inverse=True)
+    return Pairs(both // n_feature, both % n_feature, np.bincount(pair, share).astype(np.float64))
 
 
 def _over(links: Step, pairs: Pairs, n_from: int, *, down: bool) -> Pairs:
