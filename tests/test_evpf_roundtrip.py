@@ -198,6 +198,13 @@ def test_any_store(case):
             assert_single(store, folder)
 
 
+@pytest.mark.slow
+@settings(max_examples=100, deadline=None)
+@given(surfaces())
+def test_many_stores(case):
+    test_any_store.hypothesis.inner_test(case)
+
+
 # --- attributes -------------------------------------------------------------------------------------------------------------
 
 NAMES = st.text(string.ascii_lowercase + string.digits + "_", min_size=1, max_size=14).map("q".__add__)
