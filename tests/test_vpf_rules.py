@@ -125,6 +125,7 @@ def test_real_database_has_few_true_findings():
         ("V706", "table=texash/bnd/fcs row=3"),  # ids 1 2 7 8 11 ... 15
         ("V709", "table=dht column=edition_date row=1"),  # 199311150000000.0000
         ("V712", "table=lat"),  # an extract: one of four libraries
+        ("V712", "table=dht column=database_name"),  # vmaplv2 in a folder of another name
         ("V712", "table=texash/cat"),  # two of eleven coverages
         ("V716", "table=texash/bnd/fca"),  # barrierl and bndvoida are not in fcs
         ("V717", "table=texash/dqt"),  # lineage.doc

@@ -13,7 +13,7 @@ from vpfx.validate.vpf.folders import Places, TableData, places
 from vpfx.validate.vpf.tile import TileData
 from vpfx.vpf import spatial_index
 
-__all__ = ["RULES", "place_boxes"]
+__all__ = ["CORNERS", "RULES", "face_boxes", "place_boxes"]
 
 Floats = NDArray[np.float64]
 
@@ -44,7 +44,7 @@ def place_boxes(found: Places) -> Floats:
     return boxes
 
 
-def _face_boxes(tile: TileData) -> Floats | None:
+def face_boxes(tile: TileData) -> Floats | None:
     """Box of each face by the edges that name it, float64 (n_face, 4); NaN for the universe, and without edges."""
     if tile.plane is None or tile.edges is None or tile.n_face is None:
         return None
@@ -65,7 +65,7 @@ def _boxes(tile: TileData, primitive: str) -> Floats | None:
     if primitive == "edg":
         return None if tile.edges is None else place_boxes(tile.edges.places)
     if primitive == "fac":
-        return _face_boxes(tile)
+        return face_boxes(tile)
     if primitive == "txt":
         table = tile.table("txt")
         found = None if table is None else places(table.rows, "shape_line")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import filecmp
 from collections.abc import Iterator
 from functools import cached_property
 from typing import NamedTuple
@@ -49,20 +50,18 @@ def check_classes(data: EvpfData) -> Iterator[Defects]:
     if classes is None:
         return
     for i, name in enumerate(classes.names):
-        where, counts = f"table={classes.table.where} row={i + 1}", set()
+        first: TableData | None = None
         for level in data.levels:
             features, joins = (level.coverage.folder.table(f"{name}.{suffix}") for suffix in ("aft", "ajt"))
             if features is None or joins is None or level.coverage.kinds.get(name, ("", "", ""))[1] != "A":
-                yield one(
-                    where,
-                    f"found class {name!r}, expected {name}.aft and .ajt in {level.where}, and a row A in its fca",
-                )
+                expected = f"expected {name}.aft and .ajt in {level.where}, and a row A in its fca"
+                yield one(f"table={classes.table.where} row={i + 1}", f"found class {name!r}, {expected}")
                 return
-            counts.add(features.n_row)
-        if len(counts) > 1:
-            yield one(
-                where, f"found {min(counts)} to {max(counts)} features in {name}.aft of the levels, expected the same"
-            )
+            first = first or features
+            if not filecmp.cmp(first.path, features.path, shallow=False):
+                yield one(
+                    f"table={features.where}", f"found another table than {first.where}, expected the same features"
+                )
     yield from _check_columns(data, classes)
     columns, values = (data.levels[0].coverage.folder.table(name) for name in ("column.rat", "value.rat"))
     if columns is not None and values is not None:

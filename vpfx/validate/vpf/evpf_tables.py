@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from typing import Any
 
 import numpy as np
@@ -11,7 +11,8 @@ import numpy as np
 from vpfx.errors import StoreFormatError
 from vpfx.store.contents import decode_metadata
 from vpfx.store.tiles import Tiling
-from vpfx.validate.report import ERROR, Defects, Rule, one
+from vpfx.validate.report import ERROR, Defects, Rule, one, some
+from vpfx.validate.vpf.boxes import CORNERS, face_boxes, place_boxes
 from vpfx.validate.vpf.folders import TableData
 from vpfx.validate.vpf.hierarchy import EvpfData, EvpfTile, LevelTables
 from vpfx.validate.vpf.scan import Tally
@@ -120,6 +121,24 @@ def check_precision(tile: EvpfTile) -> Iterator[Defects]:
             yield one(f"table={table.where} column={column.name}", message)
 
 
+def check_boxes(tile: EvpfTile) -> Iterator[Defects]:
+    """Rectangles are those of edges and faces, rounded outwards; that of the universe is the one round all of them."""
+    edges, faces = tile.tile.edges, face_boxes(tile.tile)
+    if edges is None or faces is None or len(faces) < 2:
+        return
+    faces[0, :2], faces[0, 2:] = faces[1:, :2].min(axis=0), faces[1:, 2:].max(axis=0)
+    for name, expected in (("ebr", outward(place_boxes(edges.places))), ("fbr", outward(faces))):
+        table = tile.tile.table(name)
+        if table is not None and table.rows is not None and all(corner in table.rows for corner in CORNERS):
+            found = np.stack([table.rows[corner] for corner in CORNERS], axis=1)
+            if found.shape == expected.shape:
+                yield from some(np.flatnonzero((found != expected).any(axis=1)), _describe_box(table, found, expected))
+
+
+def _describe_box(table: TableData, found: Any, expected: Any) -> Callable[[int], tuple[str, str]]:
+    return lambda i: (f"table={table.where} row={i + 1}", f"found {found[i].tolist()}, expected {expected[i].tolist()}")
+
+
 def check_grid(data: EvpfData) -> Iterator[Defects]:
     """The tiles are those that lattice and tile size make, by number, name and rectangle."""
     lattice, tiling, tileref = data.lattice, data.tiling, data.library.tileref
@@ -146,8 +165,7 @@ def check_grid(data: EvpfData) -> Iterator[Defects]:
             expected = "" if names is None else f", expected {'/'.join(names)!r} and face {row.tile_id + 1}"
             tally.tell(f"{where} row={row.tile_id}", f"found tile {row.name!r} with face {row.face}{expected}")
     yield from tally.defects()
-    corners = ("xmin", "ymin", "xmax", "ymax")
-    if not tally.count and fbr is not None and fbr.rows is not None and all(name in fbr.rows for name in corners):
+    if not tally.count and fbr is not None and fbr.rows is not None and all(name in fbr.rows for name in CORNERS):
         yield from _check_rectangles(fbr, lattice, tiling)
 
 
@@ -160,15 +178,14 @@ def _check_rectangles(fbr: TableData, lattice: Any, tiling: Tiling) -> Iterator[
     row, col = np.divmod(np.arange(tiling.n_tile), tiling.n_tile_col)
     expected = outward(np.stack([x[col], y[row], x[col + 1], y[row + 1]], axis=1))
     assert fbr.rows is not None
-    found = np.stack([fbr.rows[name][1:] for name in ("xmin", "ymin", "xmax", "ymax")], axis=1)
+    found = np.stack([fbr.rows[name][1:] for name in CORNERS], axis=1)
     if found.shape != expected.shape:
         return
-    wrong, tally = np.flatnonzero((found != expected).any(axis=1)), Tally()
-    tally.add(
-        wrong,
-        lambda i: (f"table={fbr.where} row={i + 2}", f"found {found[i].tolist()}, expected {expected[i].tolist()}"),
+    wrong = np.flatnonzero((found != expected).any(axis=1))
+    message = "found {}, expected {}".format
+    yield from some(
+        wrong, lambda i: (f"table={fbr.where} row={i + 2}", message(found[i].tolist(), expected[i].tolist()))
     )
-    yield from tally.defects()
 
 
 def check_errors(data: EvpfData) -> Iterator[Defects]:
@@ -209,6 +226,9 @@ RULES = (
          needs=("evpf_metadata", "tile_rows")),
     Rule("V773", "evpf_precision", ERROR, "E-201", "coordinates are in another precision", check_precision, "evpf tile",
          needs=("evpf_metadata",)),
+    Rule("V788", "evpf_boxes", ERROR, "E-230", "a rectangle is not that of its edge or face", check_boxes, "evpf tile",
+         needs=("evpf_metadata", "primitive_references", "edge_ends", "edge_places", "edges_cross", "edges_overlap",
+                "ring_faces", "face_count", "edge_boxes", "face_boxes")),
     Rule("V785", "evpf_errors", ERROR, "E-410", "a level says what cannot be of its errors", check_errors, "evpf",
          needs=("evpf_tables",)),
 )  # fmt: skip

@@ -75,7 +75,7 @@ def _check_other_rings(tile: EvpfTile, plane: Plane) -> Iterator[Defects]:
     yield from some(
         lost, lambda i: (f"{where} row={row[i] + 1}", f"found edge {edge[i] + 1} first, {expected}, {lowest[i] + 1}")
     )
-    is_inner = plane.is_outline[plane.ring[side]]
+    is_inner = plane.is_inner[plane.ring[side]]
     is_pair = (face[row[1:]] == face[row[:-1]]) & is_inner[1:] & is_inner[:-1]
     outer = row[~is_inner & (face[row] > 1)]
     late = [row[1:][is_pair & (edge[1:] <= edge[:-1])], outer[1:][start[outer[1:]] <= start[outer[:-1]]]]

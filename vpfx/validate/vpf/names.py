@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 from vpfx.validate.report import ERROR, WARNING, Defects, Rule, one, some
 from vpfx.validate.vpf.folders import Folder, TableData, kind_of
-from vpfx.validate.vpf.parts import CoverageData, DatabaseData, LibraryData
+from vpfx.validate.vpf.parts import CoverageData, DatabaseData, LibraryData, names_of
 from vpfx.validate.vpf.scan import ScannedTable
 from vpfx.validate.vpf.tile import TileData
 from vpfx.vpf.header import Layout
@@ -93,6 +93,11 @@ def check_listed(data: FolderData) -> Iterator[Defects]:
     if gone:
         message = f"found no folder for {len(gone)} of its {len(data.listed)} {what}: {_names(gone)}"
         yield one(f"table={data.folder.place(name)}", message)
+    header, column = ("dht", "database_name") if data.kind == "database" else ("lht", "library_name")
+    told = names_of(data.folder.table(header), column)[:1]
+    if told and told[0] != data.folder.path.name.lower():
+        message = f"found name {told[0]!r}, expected {data.folder.path.name!r} as the folder is called"
+        yield one(f"table={data.folder.place(header)} column={column}", message)
     more = [entry for entry in data.there if entry not in data.listed]
     if more:
         yield one(
@@ -107,11 +112,9 @@ def _names(names: list[str]) -> str:
 
 def _layout_of(coverage: CoverageData, name: str) -> tuple[Layout | None, bool]:
     """Layout of a table of a coverage, of primitives in the first tile that has it; and whether there is such a file."""
-    folders = [coverage.folder]
-    if name.strip(".").lower() in PRIMITIVES and coverage.is_tiled:
-        folders = [folder for folder in map(coverage.tile_folder, coverage.tile_ids) if folder is not None]
-    for folder in folders:
-        table = folder.table(name)
+    is_in_tiles = name.strip(".").lower() in PRIMITIVES and coverage.is_tiled
+    for folder in map(coverage.tile_folder, coverage.tile_ids if is_in_tiles else [0]):
+        table = None if folder is None else folder.table(name)
         if table is not None:
             return None if table.head is None else table.head.layout, True
     return None, False

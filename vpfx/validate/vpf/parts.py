@@ -164,6 +164,7 @@ class CoverageData:
     def __init__(self, library: LibraryData | None, folder: Folder, name: str) -> None:
         self.library, self.folder, self.name = library, folder, name
         self._counts: dict[tuple[str, int], int | None] = {}
+        self._recent: tuple[int, Folder | None] = (0, None)
 
     @property
     def level(self) -> int | None:
@@ -219,11 +220,13 @@ class CoverageData:
         return [tile_id for tile_id in sorted(self.library.tiles) if self.tile_folder(tile_id) is not None]
 
     def tile_folder(self, tile_id: int) -> Folder | None:
-        """Where the primitives of a tile lie, read anew; None if there is no such tile or folder."""
+        """Where the primitives of a tile lie; None if there is no such tile or folder. The last one is kept, no other."""
         if tile_id == 0 or not self.is_tiled:
             return self.folder if tile_id == 0 else None
-        row = None if self.library is None else self.library.tiles.get(tile_id)
-        return None if row is None else self.folder.below(*row.parts)
+        if self._recent[0] != tile_id:
+            row = None if self.library is None else self.library.tiles.get(tile_id)
+            self._recent = tile_id, None if row is None else self.folder.below(*row.parts)
+        return self._recent[1]
 
     def count(self, primitive: str, tile_id: int) -> int | None:
         """Rows of a table of primitives of a tile; None if there is no such table, `UNKNOWN` if it is broken."""
@@ -234,14 +237,13 @@ class CoverageData:
             self._counts[key] = None if table is None else UNKNOWN if table.head is None else table.n_row
         return self._counts[key]
 
-    def tables(self) -> Iterator[TableData]:
-        """Yield all tables of the coverage, and of its tiles."""
-        for tile_id in [0, *self.tile_ids] if self.is_tiled else [0]:
-            folder = self.tile_folder(tile_id)
-            for table in [] if folder is None else folder.tables.values():
-                table.level = self.level
-                table.above = self.folder if tile_id else None
-                yield table
+    def tables(self, tile_id: int = 0) -> Iterator[TableData]:
+        """Yield the tables of the coverage, or of one of its tiles."""
+        folder = self.tile_folder(tile_id)
+        for table in [] if folder is None else folder.tables.values():
+            table.level = self.level
+            table.above = self.folder if tile_id else None
+            yield table
 
 
 def names_of(table: TableData | None, column: str) -> list[str]:

@@ -80,7 +80,7 @@ def check_face_count(tile: TileData) -> Iterator[Defects]:
     plane, n_face = tile.plane, tile.n_face
     if plane is None or n_face is None:
         return
-    n_part, n_edge = len(plane.outline_side), len(plane.ring) // 2
+    n_part, n_edge = len(plane.inner_side), len(plane.ring) // 2
     expected = 1 + n_part - len(plane.node_part) + n_edge
     if n_face != expected:
         parts = f"{len(plane.node_part)} nodes and {n_edge} edges in {n_part} parts"
@@ -188,7 +188,7 @@ def check_ring_order(tile: TileData) -> Iterator[Defects]:
     face, _, side = _sides_of_rows(tile, plane)
     is_first = np.ones(len(face), bool)
     is_first[1:] = face[1:] != face[:-1]
-    is_inner = plane.is_outline[plane.ring[side]] if plane.n_ring else np.zeros(len(side), bool)
+    is_inner = plane.is_inner[plane.ring[side]] if plane.n_ring else np.zeros(len(side), bool)
     wrong = np.flatnonzero((side >= 0) & (is_inner == (is_first & (face > 0))))
 
     def describe(i: int) -> tuple[str, str]:
@@ -203,13 +203,13 @@ def check_contained(tile: TileData) -> Iterator[Defects]:
     plane, graph = tile.plane, tile.graph
     if plane is None or graph is None or tile.segments is None:
         return
-    part = np.flatnonzero(plane.outline_side >= 0)
-    at, face = plane.outline_place[part], plane.side_face[plane.outline_side[part]]
+    part = np.flatnonzero(plane.inner_side >= 0)
+    at, face = plane.west_place[part], plane.side_face[plane.inner_side[part]]
     faces, edge_part = plane.side_face.reshape(-1, 2), plane.node_part[graph.nodes[:, 0]]
     outside = np.flatnonzero(~is_inside(graph.xy[at], face, part, faces, edge_part, *tile.segments))
 
     def describe_ring(i: int) -> tuple[str, str]:
-        where = f"{tile.place('edg')} row={plane.outline_side[part[i]] // 2 + 1}"
+        where = f"{tile.place('edg')} row={plane.inner_side[part[i]] // 2 + 1}"
         return where, f"found face {face[i] + 1} round the edges at {_shown(graph.xy[at[i]])}, which lie outside it"
 
     yield from some(outside, describe_ring)

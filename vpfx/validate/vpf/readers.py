@@ -107,7 +107,7 @@ def check_margin(tile: TileData) -> Iterator[Defects]:
     if is_on.any():
         x, y = xy[np.argmax(is_on)].tolist()
         message = (
-            f"found {is_on.sum()} of {len(xy)} places on the outline of the extent in lat, such as ({x:.9g}, {y:.9g})"
+            f"found {is_on.sum()} of {len(xy)} places on the sides of the extent in lat, such as ({x:.9g}, {y:.9g})"
         )
         yield one(f"tile={tile.where}", f"{message}, expected a margin: OGDI leaves out what touches it")
 
@@ -173,8 +173,8 @@ RULES = (
          "folder"),
     Rule("V763", "double_coordinates", NOTE, "V-254", "coordinates are in double precision", check_double,
          "coverage"),
-    Rule("V764", "library_margin", WARNING, "V-251", "something touches the outline of its library", check_margin, "tile",
-         needs=("table_rows", "edge_places", "library_extent")),
+    Rule("V764", "library_margin", WARNING, "V-251", "something touches the sides of the extent of its library", check_margin,
+         "tile", needs=("table_rows", "edge_places", "library_extent")),
     Rule("V765", "reader_types", WARNING, "V-256", "a column has a type that GDAL does not look at", check_types, "table",
          needs=("table_header",)),
     Rule("V766", "plain_links", NOTE, "V-254", "links of edges are no triplets", check_plain_links, "folder"),

@@ -64,12 +64,12 @@ def _coverage_stages(coverage: CoverageData) -> Iterator[Stage]:
         if folder is not None:
             tile = TileData(coverage, tile_id, folder)
             if coverage.is_tiled:
+                yield from _tables(coverage.tables(tile_id))
                 yield Stage("folder", FolderData(folder, "tile", tile=tile), tile.keys)
             if {"edg", "end"} & set(folder.files):
                 yield Stage("tile", tile, tile.keys)
-                if coverage.is_tiled:
-                    borders.add(tile)
-    if coverage.is_tiled:
+                borders.add(tile)
+    if coverage.library is not None:
         yield Stage("borders", borders, (coverage.folder.where,))
     for feature_class in coverage.classes.values():
         data = ClassData(coverage, feature_class)

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vpfx.validate.vpf.folders import Folder, Places, TableData, numbers, places, triplets
-from vpfx.validate.vpf.outlines import find_outlines
+from vpfx.validate.vpf.inner_rings import find_inner_rings
 from vpfx.validate.vpf.parts import CoverageData
 from vpfx.validate.vpf.stars import find_rings, find_targets, label_parts, sort_stars
 from vpfx.validate.vpf.strips import Segments, Strips, find_clashes, make_segments, make_strips
@@ -68,17 +68,17 @@ class Plane(NamedTuple):
     Attributes
     ----------
     follower, ring : int64 (2 * n_edge,)
-        The side that follows each in its walk, and the number of the walk.
+        The side that follows each in its ring, and the number of the ring.
     n_ring : int
     side_face : int64 (2 * n_edge,)
         Index of the face on the right of each side, 0 for the universe.
     ring_side : int64 (n_ring,)
-        Least side of each walk.
+        Least side of each ring.
     node_part : int64 (n_node,)
-    outline_place, outline_side : int64 (n_part,)
-        From `find_outlines`.
-    is_outline : bool (n_ring,)
-        Whether the walk goes round a part from outside.
+    west_place, inner_side : int64 (n_part,)
+        From `find_inner_rings`.
+    is_inner : bool (n_ring,)
+        Whether the ring goes round a part from outside.
     """
 
     follower: Ids
@@ -87,9 +87,9 @@ class Plane(NamedTuple):
     side_face: Ids
     ring_side: Ids
     node_part: Ids
-    outline_place: Ids
-    outline_side: Ids
-    is_outline: NDArray[np.bool_]
+    west_place: Ids
+    inner_side: Ids
+    is_inner: NDArray[np.bool_]
 
 
 class TileData:
@@ -234,12 +234,12 @@ class TileData:
         ring_side[ring[::-1]] = np.arange(len(ring))[::-1]
         ends = np.ascontiguousarray(graph.nodes.T)
         node_part, n_part = label_parts(ends[0], ends[1], len(self.node_places))
-        place, side = find_outlines(
+        place, side = find_inner_rings(
             ends[0], ends[1], node_part, n_part, graph.starts, graph.xy, graph.target, graph.bucket, graph.star
         )
-        is_outline = np.zeros(n_ring, bool)
-        is_outline[ring[side[side >= 0]]] = True
-        return Plane(follower, ring, n_ring, side_face, ring_side, node_part, place, side, is_outline)
+        is_inner = np.zeros(n_ring, bool)
+        is_inner[ring[side[side >= 0]]] = True
+        return Plane(follower, ring, n_ring, side_face, ring_side, node_part, place, side, is_inner)
 
 
 def _stack(columns: list[Ids | None]) -> Ids | None:

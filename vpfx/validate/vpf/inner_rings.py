@@ -1,12 +1,12 @@
-r"""What lies outermost in each part of a graph: kernels.
+r"""Which ring goes round each part of a graph from outside: kernels.
 
-The place of a part that lies farthest west, of those farthest south, sees no edge of the part to its west. The walk that
-passes on that side of it is the part's *outline*; walked with its face on the right it runs counter-clockwise, and the part
-lies inside that face::
+The place of a part that lies farthest west, of those farthest south, sees no edge of the part to its west. The ring that passes
+on that side of it goes round the part. Walked with its face on the right it runs counter-clockwise, and the part lies inside
+that face, of which it is an inner ring::
 
           o-----o
-         /       \        the walk round the outside passes * on its west:
-        *   face  o       with the outside on the right it goes down along the edges here
+         /       \        the ring passes * on its west: with what surrounds the part on the
+        *   face  o       right it goes down along the edges here
          \       /
           o-----o
 """
@@ -18,7 +18,7 @@ from numba import njit
 
 from vpfx.exact import orientation
 
-__all__ = ["find_outlines"]
+__all__ = ["find_inner_rings"]
 
 
 @njit(nogil=True, cache=True)
@@ -46,8 +46,8 @@ def _side_to_west(edge, at, starts, places):
 
 
 @njit(nogil=True, cache=True)
-def find_outlines(start_node, end_node, node_part, n_part, starts, places, target, bucket, star):
-    """Westernmost place, and a side of the outline, of each part that has edges.
+def find_inner_rings(start_node, end_node, node_part, n_part, starts, places, target, bucket, star):
+    """Westernmost place, and a side of the ring round it, of each part that has edges.
 
     Parameters
     ----------
@@ -71,7 +71,7 @@ def find_outlines(start_node, end_node, node_part, n_part, starts, places, targe
 
     >>> places, starts = np.array([[4, 0], [2, -2], [0, 0], [2, 2], [4, 0.0]]), np.array([0, 5])
     >>> node = np.array([0])
-    >>> find_outlines(node, node, node, 1, starts, places, np.array([1, 3]), np.array([0, 2]), np.array([1, 0]))
+    >>> find_inner_rings(node, node, node, 1, starts, places, np.array([1, 3]), np.array([0, 2]), np.array([1, 0]))
     (array([2]), array([1]))
     """
     place, edge_of = np.full(n_part, -1, np.int64), np.full(n_part, -1, np.int64)
