@@ -178,7 +178,10 @@ def _lattice(lattice: dict[str, Any], tile_size: int, n_level: int, path: str) -
     n_tile = math.prod(-(-(n - 1) // tile_size) for n in counts)
     if n_tile > MOST_TILES:
         raise VpfFormatError(path, where, f"found {n_tile} tiles, expected at most {MOST_TILES}", "E-101")
-    return Place(*map(float, numbers)), Tiling(counts[0], counts[1], tile_size, n_level)
+    place = Place(*map(float, numbers))
+    if not all(map(math.isfinite, place.at(counts[1] - 1, counts[0] - 1))):
+        raise VpfFormatError(path, where, f"found {json.dumps(lattice)[:200]}, expected a finite extent", "E-400")
+    return place, Tiling(counts[0], counts[1], tile_size, n_level)
 
 
 def _check_floats(place: Place, tiling: Tiling, path: str) -> None:

@@ -11,6 +11,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+import numpy as np
+
 from vpfx.errors import FormatError, InputError, InvariantError, NotFoundError, VpfFormatError
 from vpfx.evpf.class_reading import read_classes
 from vpfx.evpf.origin import Origin, read_origin
@@ -99,9 +101,10 @@ def import_vpf(
     library = _find_library(Path(directory))
     if library.root.resolve() in path.resolve().parents:
         raise InputError(f"output: found {output}, which lies in the database that is read; give another place")
-    origin = read_origin(library)
     try:
-        levels = _write(origin, path, overwrite, progress)
+        with np.errstate(invalid="ignore", over="ignore"):  # of numbers from damaged files, before they are refused
+            origin = read_origin(library)
+            levels = _write(origin, path, overwrite, progress)
     except InvariantError as error:  # what only rows of several tiles show
         raise VpfFormatError(str(library.path), "", f"found tables that make no TIN: {error}", "E-501") from error
     precision = "double" if origin.is_double else "single"

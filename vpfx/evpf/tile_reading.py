@@ -215,10 +215,9 @@ def _check_each(rows: Run, name: str, count: int, first: int) -> None:
 def _slopes(rows: Run) -> tuple[Ints, Ints]:
     """Slope and aspect in centidegrees."""
     given = {name: rows[name].astype(np.float64) for name in ("slope", "aspect")}
-    with np.errstate(invalid="ignore"):
-        slope = np.rint(given["slope"] * 100)
-        is_slope = (slope >= 0) & (slope <= 9000)
-        is_aspect = np.where(slope == 0, np.isnan(given["aspect"]), (given["aspect"] >= 0) & (given["aspect"] < 360))
+    slope = np.rint(given["slope"] * 100)
+    is_slope = (slope >= 0) & (slope <= 9000)
+    is_aspect = np.where(slope == 0, np.isnan(given["aspect"]), (given["aspect"] >= 0) & (given["aspect"] < 360))
     tell = {"slope": "0 to 90 degrees", "aspect": "0 to below 360 degrees, or none for level ground"}
     for name, is_good in (("slope", is_slope), ("aspect", is_aspect)):
         check(is_good, rows.path, f"found {name} {{}}, expected {tell[name]}", "E-300", given[name], start=rows.start)
