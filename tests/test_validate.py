@@ -346,7 +346,7 @@ def test_every_97th_byte_may_change_everywhere(tmp_path):
         base = build_base(name, tmp_path)
         data, path = base.read_bytes(), tmp_path / "a.gpkg"
         rng = random.Random(name)
-        for at in range(rng.randrange(97), len(data), 97 * 12):
+        for at in range(rng.randrange(97), len(data), 97 * 60):
             path.write_bytes(data[:at] + bytes([data[at] ^ rng.randrange(1, 256)]) + data[at + 1 :])
             known(validate(path))
 
@@ -416,7 +416,7 @@ def test_any_value_may_stand_anywhere(tmp_path):
 def test_any_value_may_stand_anywhere_in_every_base(name, tmp_path):
     base, path = build_base(name, tmp_path), tmp_path / "a.gpkg"
     rng = random.Random(name)
-    for table, column in columns_of(base):
+    for table, column in list(columns_of(base))[rng.randrange(3) :: 3]:
         for value in rng.sample(VALUES, 1):
             for row in ("", f" WHERE {column} IS (SELECT {column} FROM {table} LIMIT 1 OFFSET 5)"):
                 if spoil(path, base, [f"UPDATE {table} SET {column} = {value}{row}"]):
