@@ -18,7 +18,7 @@ __all__ = ["import_"]
 def import_(directory: str, output: str, overwrite: bool, as_json: bool, quiet: bool) -> None:
     """Make a store from a VPF directory that vpfx export wrote; byte for byte the same, if it did so with --double.
 
-    Example: vpfx import n36 -o n36.gpkg
+    Example: vpfx import n36 -o back.gpkg
     """
     from vpfx.evpf.reading import import_vpf
 

@@ -34,7 +34,7 @@ def to_gpkg(
     Tiles are merged, coded values explained in fields of their own. What the tables list and the directory lacks, or what is
     broken, is left out and told on stderr.
 
-    Example: vpfx vpf to-gpkg vmaplv2 -o vmaplv2.gpkg
+    Example: vpfx vpf to-gpkg vmap -o vmap.gpkg
     """
     from vpfx.vpf.gpkg import write_gpkg
 
