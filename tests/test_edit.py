@@ -9,6 +9,7 @@ import subprocess
 import sys
 import threading
 from contextlib import closing
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -46,6 +47,19 @@ def path(made, tmp_path):
 
 def on_faces(path):
     return query(path, "SELECT face_id, feature_id, share FROM face_feature ORDER BY 1, 2")
+
+
+def test_ids_can_be_given(path):
+    """The importer gives features and classes the ids they had."""
+    with edit_store(path) as editor:
+        assert editor.create_class("rock", {"age": "integer"}, class_id=9).class_id == 9
+        assert editor.add_features("rock", {"age": [3, 4]}, [12, 7]).tolist() == [12, 7]
+        assert editor.add_features("rock", {"age": [5]}).tolist() == [13]
+        with pytest.raises(InputError, match="found 1 ids and columns of 2 values, expected as many"):
+            editor.add_features("rock", {"age": [3, 4]}, [20])
+    assert query(path, "SELECT * FROM rock") == [(7, 4), (12, 3), (13, 5)]
+    with pytest.raises(InputError, match="UNIQUE constraint failed"), edit_store(path) as editor:
+        editor.add_features("rock", {"age": [6]}, [1])
 
 
 def test_what_was_made(path):
@@ -140,9 +154,17 @@ def test_a_killed_writer_is_told_and_undone(path, tmp_path):
         writer.execute("UPDATE face SET slope_centidegrees = 1")
         for suffix in ("", "-journal"):
             shutil.copy(f"{path}{suffix}", f"{killed}{suffix}")
+            shutil.copy(f"{path}{suffix}", tmp_path / f"kept{suffix}")
     for ask in (lambda: vpfx.open_store(killed), lambda: answer_sql(killed, DEPTHS)):
         with pytest.raises(StoreError, match="a change that was interrupted, which waits to be undone"):
             ask()
+    shutil.copy(path, killed)
+    Path(f"{killed}-journal").unlink()
+    with vpfx.open_store(killed) as store:  # and the writer is killed behind its back
+        for suffix in ("", "-journal"):
+            shutil.copy(tmp_path / f"kept{suffix}", f"{killed}{suffix}")
+        with pytest.raises(StoreError, match="a change that was interrupted, which waits"), store.snapshot():
+            pass
     attach_sql(killed, "steep", "SELECT face_id, 1 AS yes FROM face WHERE face_id < 5")
     assert query(killed, DEPTHS) == before
     assert query(killed, "SELECT * FROM face") == faces

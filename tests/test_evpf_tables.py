@@ -58,6 +58,7 @@ def add_classes(path):
         lakes = editor.add_features("soil_of_the_lake", {"a": [5, 6]})
         editor.describe_values("soil_of_the_land", "code", {1: "One; two", 2: "Zwölf", 99: "x" * 60})
         editor.describe_values("soil_of_the_land", "kind", {"clay": "Clay", "Löß": "Loess"})
+        editor.describe_values("soil_of_the_land", "name", {"ö": "A vowel", "Δ": ""})
         editor.describe_values("soil_of_the_land", "serial", {2**40: "Much"})
         coarse, fine = levels[0], levels[max(levels)]
         editor.set_faces("soil_of_the_land", coarse[::2], soils[0])
@@ -229,7 +230,7 @@ def test_features_of_classes(exported):
         texts = rows_of(library / f"tin{level}" / "char.vdt")
         assert texts == [
             ("soil_of_.aft", "kind", "Löß", "Loess"), ("soil_of_.aft", "kind", "clay", "Clay"),
-            ("soil_of_.aft", "serial", str(2**40), "Much"),
+            ("soil_of_.aft", "name", "\\u00f6", "A vowel"), ("soil_of_.aft", "serial", str(2**40), "Much"),
         ]  # fmt: skip
 
 
@@ -270,8 +271,9 @@ def test_attributes_as_given(exported):
     values = query(path, "SELECT column_name, value, description FROM value_description")
     number = {row[1]: i for i, row in enumerate(columns, 1) if row[0] == 1}
     written = rows_of(tin0 / "value.rat")
-    assert written == [(number[column], value, text) for column, value, text in
-                       sorted(values, key=lambda row: (number[row[0]], row[1]))]  # fmt: skip
+    values.sort(key=lambda row: (number[row[0]], row[1]))
+    spellings = (spelled([row[i] for row in values]) for i in (1, 2))
+    assert written == list(zip([number[row[0]] for row in values], *spellings, strict=True))
     ids = {class_id: i for i, (class_id, _) in enumerate(classes, 1)}
     for level in levels_of(path):
         rows = query(path, "SELECT face_id, class_id, feature_id, share FROM face_feature JOIN face USING (face_id) "

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import os
 import re
 import signal
@@ -25,6 +26,7 @@ from vpfx.errors import InputError, NotFoundError, StoreError, StoreFormatError
 from vpfx.evpf import target as targets
 from vpfx.evpf import writing
 from vpfx.evpf.joins import Joins
+from vpfx.evpf.names import OWN_CLASSES, cut_names
 from vpfx.evpf.numbering import TileNumbers
 from vpfx.evpf.planar import Sides
 from vpfx.evpf.precision import find_broken
@@ -169,6 +171,7 @@ BAD = {
     "library": (["-o", "nm", "--library", "my library"], USAGE, r"library: found 'my library', expected 1 to 8"),
     "reserved library": (["-o", "nm", "--library", "lat"], USAGE, r"library: found 'lat'.*none of dht, lat"),
     "product": (["-o", "nm", "--product", "x" * 13], USAGE, r"product: found 'x+', expected 1 to 12"),
+    "product that is none": (["-o", "nm", "--product", "N/A"], USAGE, r"product: found 'N/A', which VPF reads as none"),
     "blank product": (["-o", "nm", "--product", " x"], USAGE, r"product: found ' x'"),
     "no folder": (["-o", "nowhere/nm"], FAILURE, r"nowhere/nm: found no folder"),
 }
@@ -227,6 +230,18 @@ def test_readers_are_warned_of(run, store, tmp_path, monkeypatch):
     one, other = err.removeprefix(COMPILING).splitlines()
     assert re.fullmatch(r"vpfx: warning: dcw_data/nm: found 'dcw' in the path: OGDI .*", one)
     assert re.fullmatch(r"vpfx: warning: tin\d/0\d/0\d has \d+ primitives of a kind, and \d more tiles; .*", other)
+
+
+def test_errors_of_a_medium_name_what_was_asked_for(store, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+
+    def refuse(*_):
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    monkeypatch.setattr("vpfx.vpf.writer.open", refuse, raising=False)
+    with pytest.raises(StoreError, match=r"^nm/dht: cannot be written: No space left"):
+        export_vpf(store, "nm")
+    assert not [name for name in os.listdir(tmp_path) if "nm" in name]
 
 
 # --- what is replaced -------------------------------------------------------------------------------------------------------
@@ -450,3 +465,9 @@ def test_progress_counts_tiles_of_all_levels(store, tmp_path):
     seen = []
     export_vpf(store, tmp_path / "nm", progress=lambda done, total: seen.append((done, total)))
     assert seen == [(i, 8) for i in range(1, 9)]
+
+
+def test_names_of_devices_are_taken():
+    """Windows makes no `aux.aft`."""
+    names = ["aux", "Con".lower(), "com1", "lpt9", "auxiliary", "common"]
+    assert cut_names(names, 8, OWN_CLASSES) == ["aux01", "con01", "com101", "lpt901", "auxiliar", "common"]

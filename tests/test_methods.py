@@ -467,3 +467,9 @@ def test_a_bound_near_the_rounding_holds_or_is_refused(bound):
         assert bound < 1e-3, refused  # noqa: PT017 (either outcome is right)
     else:
         assert h.max_error[0] <= bound
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_methods_that_make_t_junctions_are_not_tiled(method):
+    """R-190: then all of them lie in one tile."""
+    assert METHODS[method].adjacent or not METHODS[method].tiled

@@ -87,7 +87,10 @@ def attach_soil(path: Path) -> None:
         editor.set_faces("soil", [1], [rock])
 
 
-@pytest.fixture(scope="module", params=["cell", "cell, double", "voids", "one tile"])
+@pytest.fixture(
+    scope="module",
+    params=["cell", "voids", *(pytest.param(name, marks=pytest.mark.slow) for name in ("cell, double", "one tile"))],
+)
 def exported(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path, bool]:
     """Return a store, the library it was exported to, and whether its coordinates are doubles."""
     folder = tmp_path_factory.mktemp("ogdi")

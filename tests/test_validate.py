@@ -264,7 +264,7 @@ def test_the_judge_finds_defects_too(code, tmp_path):
 @pytest.mark.parametrize("method", METHODS)
 def test_stores_of_every_method_are_clean(method, tmp_path):
     options = {"max_error": (20, 6)} if METHODS[method].bounded else {"passes": 3}
-    dem = write_dem(tmp_path / "a.tif", hills(33, 28, 8))
+    dem = write_dem(tmp_path / "a.tif", hills(33, 28, 7))
     path = vpfx.build(dem, tmp_path / "a.gpkg", method=method, **options).path
     assert validate(path, dem=[dem]).findings == ()
 

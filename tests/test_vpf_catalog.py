@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 import shutil
 
 import numpy as np
@@ -378,8 +379,13 @@ def test_tables_that_lead_elsewhere(root, name, column):
 )
 def test_tiles_that_lead_elsewhere(root, name):
     put_tiles(root / "north", [r"07\01", name], typed(layouts.TILEREF, {"tile_name": "L"}))
-    with pytest.raises(VpfFormatError, match=r"tileref\.aft: row 2: found the name"):
-        _ = open_database(root).libraries["north"].tiles
+    library = open_database(root).libraries["north"]
+    assert {number: tile.path for number, tile in library.tiles.items()} == {1: "07/01"}
+    (problem,) = library.problems
+    assert re.search(r"tileref\.aft: row 2: found the name .* \(V-202\); it is no tile$", problem)
+    assert list_database(open_database(root))["libraries"][0]["problems"] == [problem]
+    with pytest.raises(NotFoundError, match="found no tile 2"):
+        library.coverages["road"].table("edg", 2)
 
 
 def test_links_out_of_the_database(root, tmp_path):

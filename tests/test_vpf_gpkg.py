@@ -166,6 +166,19 @@ def test_without_its_tiles_a_class_keeps_its_values(database, tmp_path):
     assert sum("tileref.aft" in line for line in written.problems) == 1
 
 
+def test_a_tile_that_leads_elsewhere_hides_no_other(database, tmp_path):
+    before = write_gpkg(database, tmp_path / "a.gpkg", coverages=["land"], primitives=True)
+    path = database / "lib/tileref/tileref.aft"
+    data = path.read_bytes()
+    at = re.search(rb"0\d[\\/]0\d", data).start()
+    path.write_bytes(data[:at] + b"..\\.." + data[at + 5 :])
+    written = write_gpkg(database, tmp_path / "b.gpkg", coverages=["land"], primitives=True)
+    assert sum(bool(re.search(r"tileref\.aft: row \d: found .*V-202", line)) for line in written.problems) == 1
+    kept = {line.layer: line.features - line.without_geometry for line in written.layers}
+    for line in before.layers:
+        assert 0 < kept[line.layer] <= line.features - line.without_geometry
+
+
 def test_the_command(run, database, tmp_path):  # noqa: F811
     outcome = run("vpf", "to-gpkg", "db", "-o", "a.gpkg")
     assert outcome.code == GOOD

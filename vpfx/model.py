@@ -5,6 +5,7 @@ All are frozen and checked once, when made; inside vpfx they are trusted. Arrays
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
@@ -13,10 +14,13 @@ from numpy.typing import NDArray
 
 from vpfx.errors import InputError
 
-__all__ = ["CUTS", "Extent", "Grid", "Hierarchy", "Tin"]
+__all__ = ["CUTS", "Extent", "Grid", "Hierarchy", "Progress", "Tin"]
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int32]
+
+Progress = Callable[[int, int], None]
+"""Who is told how far work is: parts done, and parts in all."""
 
 CUTS = ("one edge", "two edges", "three edges", "centre", "centre and one edge")
 """The kinds of cut; the first four are the paper's rules 1 to 4."""

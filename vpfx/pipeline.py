@@ -21,7 +21,7 @@ from vpfx.dem import Dem, open_dem
 from vpfx.errors import InputError
 from vpfx.features import Features, lines_in_posts, read_features
 from vpfx.methods import METHODS, Method, Patch, check_features, checked_options
-from vpfx.model import CUTS, Grid, Hierarchy
+from vpfx.model import CUTS, Grid, Hierarchy, Progress
 from vpfx.patches import Ground, PatchReader
 from vpfx.registry import pick
 from vpfx.store.mesh import TileMesh, tile_mesh
@@ -30,8 +30,6 @@ from vpfx.store.tiles import DEFAULT_TILE_SIZE, Place, Tile, Tiling
 from vpfx.store.writer import StoreWriter, check_target
 
 __all__ = ["BuildReport", "build", "build_hierarchy"]
-
-Progress = Callable[[int, int], None]
 Result = TypeVar("Result")
 LEAST_BOUND, MOST_BOUND = 1e-3, 1e5  # metres: where that search starts
 BUDGET_SHARE = 1e-3  # it ends when the bound is known to this share of itself

@@ -70,4 +70,7 @@ def _row_range(text: str | None) -> tuple[int, int | None]:
     found = re.fullmatch(r"([0-9]{0,10}):([0-9]{0,10})", ":" if text is None else text)
     if not found or found[1] == "0" or found[2] == "0":
         raise InputError(f"--rows: found {text!r}, expected first:last, from 1, such as 1:20")
-    return int(found[1] or 1), int(found[2]) if found[2] else None
+    first, last = int(found[1] or 1), int(found[2]) if found[2] else None
+    if last is not None and last < first:
+        raise InputError(f"--rows: found {text!r}, expected first:last, from 1, such as 1:20")
+    return first, last

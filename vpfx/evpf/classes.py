@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from vpfx.errors import InputError
 from vpfx.evpf.folder import Folder
 from vpfx.evpf.names import COLUMN_NAMES, OWN_CLASSES, cut_names
-from vpfx.evpf.texts import to_vpf
+from vpfx.evpf.texts import as_written, to_vpf
 from vpfx.store import classes as stored
 from vpfx.store.reader import StoreReader
 from vpfx.vpf import layouts
@@ -84,7 +84,7 @@ def read_class_tables(store: StoreReader) -> list[ClassTable]:
     Raises
     ------
     InputError
-        A feature has an id that `store_id` cannot hold, or more than 99 names begin alike.
+        A class or feature has an id that `store_id` cannot hold, or more than 99 names begin alike.
     """
     classes = list(store.classes.values())
     names = cut_names((found.name for found in classes), 8, OWN_CLASSES)
@@ -92,6 +92,8 @@ def read_class_tables(store: StoreReader) -> list[ClassTable]:
 
 
 def _read_class(store: StoreReader, found: stored.FeatureClass, name: str) -> ClassTable:
+    if found.class_id > MOST_INT:
+        raise InputError(f"{store.path}: found class {found.class_id}, expected ids up to {MOST_INT} (E-430)")
     rows = store.raw("SELECT feature_id FROM feature WHERE class_id = ? ORDER BY feature_id", (found.class_id,))
     feature_ids = np.array(rows, np.int64).ravel()
     if feature_ids.max(initial=0) > MOST_INT:
@@ -103,7 +105,7 @@ def _read_class(store: StoreReader, found: stored.FeatureClass, name: str) -> Cl
         "SELECT column_name, value, description FROM value_description WHERE class_id = ? ORDER BY column_name, value"
     )
     values = store.raw(query, (found.class_id,))
-    coded = {column for column, _, _ in values}
+    coded = {column for column, _, description in values if description}
     columns, written = [Column("id", "I", 1, "P", "Row id")], {"id": np.arange(1, len(feature_ids) + 1)}
     for i, column_name in enumerate(cut_names(found.columns, 16, COLUMN_NAMES)):
         of_store, kind = list(found.columns.items())[i]
@@ -138,14 +140,16 @@ def write_class(coverage: Folder, table: ClassTable) -> None:
 
 
 def value_rows(coverage: Folder, tables: list[ClassTable], value_table: str) -> list[tuple[str, str, str, str]]:
-    """Rows of `int.vdt` or `char.vdt`: table, attribute, value, description; integers that are none are left out."""
+    """Rows of `int.vdt` or `char.vdt`: table, attribute, value as its column writes it, description if it is not empty."""
     found = []
     for table in tables:
-        kinds = {column.name: column.value_table for column in table.layout.columns}
+        columns = {column.name: column for column in table.layout.columns}
         names = table.column_names
-        for column, value, description in table.values:
-            if kinds[names[column]] == value_table:
-                found.append((coverage.named(f"{table.name}.aft"), names[column], value, description))
+        for name, value, description in table.values:
+            column = columns[names[name]]
+            if column.value_table == value_table and description:
+                written = value if column.kind == "I" else as_written(value, column.kind)
+                found.append((coverage.named(f"{table.name}.aft"), column.name, written, _short(description)))
     return found
 
 
@@ -154,15 +158,16 @@ def write_values(coverage: Folder, tables: list[ClassTable]) -> None:
     filled = coverage.named("tinface.aft")
     rows = [(filled, "filled", 0, "Ground with data"), (filled, "filled", 1, "Heights interpolated")]
     rows += [
-        (*row[:2], int(row[2]), _short(row[3])) for row in value_rows(coverage, tables, "int.vdt") if _is_int(row[2])
+        (table, attribute, int(value), description)
+        for table, attribute, value, description in value_rows(coverage, tables, "int.vdt")
+        if _is_int(value)
     ]
     coverage.write("int.vdt", layouts.INT_VDT, _numbered(layouts.INT_VDT, rows))
     texts = value_rows(coverage, tables, "char.vdt")
     if texts:
-        kind, values = to_vpf([row[2] for row in texts])
-        layout = layouts.char_vdt(max(len(value or "") for value in values), kind)
-        shown = [(*row[:2], value, _short(row[3])) for row, value in zip(texts, values, strict=True)]
-        coverage.write("char.vdt", layout, _numbered(layout, shown))
+        values = [row[2] for row in texts]
+        layout = layouts.char_vdt(max(map(len, values)), "T" if all(value.isascii() for value in values) else "L")
+        coverage.write("char.vdt", layout, _numbered(layout, texts))
 
 
 def _short(text: str) -> str:

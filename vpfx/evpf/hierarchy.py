@@ -77,7 +77,8 @@ def write_level(coverage: Folder, store: StoreReader, level: int) -> None:
 
 def write_whole(coverage: Folder, store: StoreReader, tables: Sequence[ClassTable], *, is_double: bool) -> None:
     """Write what is said once, in `tin0`: `evpf.rat`, `source.rat`, and where there are classes their definitions."""
-    metadata = store.raw("SELECT name, value FROM metadata ORDER BY name")
+    kept = "" if is_double else "WHERE name <> 'coordinate_precision' "  # the precision of the directory says it
+    metadata = store.raw(f"SELECT name, value FROM metadata {kept}ORDER BY name")
     own = {
         "evpf_version": EVPF_VERSION, "precision": "double" if is_double else "single",
         "level_count": str(len(store.levels)), "tile_size": str(store.metadata["options"]["tile_size"]),

@@ -6,13 +6,18 @@ from collections.abc import Iterable
 
 from vpfx.errors import InputError
 
-__all__ = ["COLUMN_NAMES", "OWN_CLASSES", "cut_names"]
+__all__ = ["COLUMN_NAMES", "DEVICES", "OWN_CLASSES", "cut_names"]
+
+DEVICES = ("aux", "con", "nul", "prn", *(f"{port}{i}" for port in ("com", "lpt") for i in range(10)))
+"""Names that Windows keeps for devices, whatever the suffix."""
+
 
 OWN_CLASSES = (
     "tinface", "tinnode", "libref", "tileref", "level", "parent", "own", "evpf", "source", "class", "column", "value",
     "tjunct", "tile1", "tile2", "cnd", "edg", "fac", "rng", "ebr", "fbr", "fcs", "fca", "int", "char",
+    *DEVICES,
 )  # fmt: skip
-"""Names of `specs/evpf.md` that no class of a store may have."""
+"""Names of `specs/evpf.md`, and of devices, that no class of a store may have."""
 
 COLUMN_NAMES = ("id", "tile_id", "fac_id", "store_id")
 """The same of columns."""

@@ -107,6 +107,8 @@ def read_origin(library: Library) -> Origin:
         decoded = decode_metadata(metadata, table.path)
     except StoreFormatError as error:
         raise VpfFormatError("", "", str(error), "E-400") from None
+    if precision == "single":
+        metadata["coordinate_precision"] = precision
     place, tiling = _lattice(decoded["lattice"], tile_size, n_level, table.path)
     missing = set(range(1, tiling.n_tile + 1)) - set(library.tiles)
     if missing or len(library.tiles) > tiling.n_tile:

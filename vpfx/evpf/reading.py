@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import os
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -15,14 +15,13 @@ from vpfx.errors import FormatError, InputError, InvariantError, NotFoundError, 
 from vpfx.evpf.class_reading import read_classes
 from vpfx.evpf.origin import Origin, read_origin
 from vpfx.evpf.tile_reading import TileReader
+from vpfx.model import Progress
 from vpfx.store.edit import edit_store
 from vpfx.store.summary import LevelSummary
 from vpfx.store.writer import StoreWriter, check_target
 from vpfx.vpf.catalog import Library, open_database
 
 __all__ = ["ImportReport", "import_vpf"]
-
-Progress = Callable[[int, int], None]
 
 
 @dataclass(frozen=True)

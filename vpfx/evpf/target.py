@@ -15,7 +15,7 @@ from vpfx.errors import InputError, StoreError, VpfxError
 from vpfx.evpf.folder import Folder
 from vpfx.evpf.headers import ORIGINATOR
 from vpfx.vpf.table import read_table
-from vpfx.vpf.values import texts
+from vpfx.vpf.values import NULL_TEXTS, texts
 
 __all__ = ["MOST_PATH", "DatabaseTarget", "check_names"]
 
@@ -64,6 +64,8 @@ def check_names(path: Path, library: str, product: str, *, is_upper: bool) -> tu
         raise InputError(f"{path}: found {DCW!r} in a name, expected another: readers take it for another product")
     if not re.fullmatch(r"[ -~]{1,12}", product) or product != product.strip():
         raise InputError(f"product: found {product!r}, expected 1 to 12 ASCII characters")
+    if product in NULL_TEXTS:
+        raise InputError(f"product: found {product!r}, which VPF reads as none, expected the name of a product")
     return name, library
 
 
@@ -119,6 +121,9 @@ class DatabaseTarget:
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         self._discard()
+        if isinstance(error, StoreError) and str(self._under_way) in str(error):
+            message = str(error).replace(str(self._under_way), str(self._shown))
+            raise StoreError(message) from error.__cause__
 
     def check_lengths(self, library: str, n_level: int, tile_path: Sequence[str], classes: Sequence[str]) -> None:
         """Refuse a place in which the full path of some table is longer than readers take.

@@ -11,9 +11,9 @@ from collections.abc import Sequence
 
 from vpfx.errors import VpfFormatError
 
-__all__ = ["from_vpf", "to_vpf"]
+__all__ = ["as_written", "from_vpf", "to_vpf"]
 
-_BEYOND = re.compile(r"[^\x00-\x7f]")
+_BEYOND = {"T": re.compile(r"[^\x00-\x7f]"), "L": re.compile(r"[^\x00-\xff]")}
 _ESCAPE = re.compile(r"\\(u[0-9a-f]{4}|.|$)", re.DOTALL)
 
 
@@ -27,13 +27,22 @@ def to_vpf(texts: Sequence[str | None]) -> tuple[str, list[str | None]]:
     >>> to_vpf(["Δ", "a\\b", "ö"])
     ('T', ['\\u0394', 'a\\\\b', '\\u00f6'])
     """
-    escaped = [None if text is None else text.replace("\\", "\\\\") or "\\e" for text in texts]
-    given = [text for text in escaped if text is not None]
-    if all(text.isascii() for text in given):
-        return "T", escaped
-    if all(ord(max(text)) < 0x100 for text in given):
-        return "L", escaped
-    return "T", [None if text is None else _BEYOND.sub(_utf_16, text) for text in escaped]
+    given = [text for text in texts if text is not None]
+    is_latin = all(ord(max(text, default="\0")) < 0x100 for text in given)
+    kind = "L" if is_latin and not all(text.isascii() for text in given) else "T"
+    return kind, [None if text is None else as_written(text, kind) for text in texts]
+
+
+def as_written(text: str, kind: str) -> str:
+    r"""Return a text as a column of type T or L holds it.
+
+    Examples
+    --------
+    >>> as_written("café", "L"), as_written("café", "T")
+    ('café', 'caf\\u00e9')
+    """
+    escaped = text.replace("\\", "\\\\") or "\\e"
+    return _BEYOND[kind].sub(_utf_16, escaped)
 
 
 def _utf_16(found: re.Match[str]) -> str:

@@ -185,15 +185,8 @@ class TileReader:
         area = None
         if self._is_nested:
             given, expected = faces["parent"], before.start + 1 + parent
-            check(
-                given == expected,
-                faces.path,
-                "found parent {}, expected {}, as in parent.rat",
-                "E-300",
-                given,
-                expected,
-                start=faces.start,
-            )
+            message = "found parent {}, expected {}, as in parent.rat"
+            check(given == expected, faces.path, message, "E-300", given, expected, start=faces.start)
         else:
             _check_none(faces, "may have several")
             area = rows["area"]

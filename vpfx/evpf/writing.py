@@ -6,7 +6,6 @@ StoreReader ─ LevelTiles.numbers ─► TileNumbers ─ read_graph ─► Tile
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from pathlib import Path
 from typing import NamedTuple
 
@@ -23,7 +22,7 @@ from vpfx.evpf.numbering import LevelTiles, tiling_of
 from vpfx.evpf.primitives import Primitives, face_boxes, straight, write_primitives
 from vpfx.evpf.references import tile_paths, write_libref, write_tileref
 from vpfx.evpf.target import DatabaseTarget, check_names
-from vpfx.model import Extent
+from vpfx.model import Extent, Progress
 from vpfx.store.reader import StoreReader, open_reader
 
 __all__ = ["ExportReport", "export_vpf"]
@@ -31,8 +30,6 @@ __all__ = ["ExportReport", "export_vpf"]
 MOST_TILES = 2**15 - 1
 MOST_SMALL = 2**16 - 1
 """Primitives of a tile that readers with ids of 16 bits can tell apart."""
-
-Progress = Callable[[int, int], None]
 
 
 class ExportReport(NamedTuple):

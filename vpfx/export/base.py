@@ -6,9 +6,7 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
 
-__all__ = ["Exported", "Exporter", "Progress"]
-
-Progress = Callable[[int, int], None]
+__all__ = ["Exported", "Exporter"]
 
 
 class Exported(NamedTuple):

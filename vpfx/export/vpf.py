@@ -6,7 +6,8 @@ from pathlib import Path
 from types import MappingProxyType
 
 from vpfx.evpf.writing import export_vpf
-from vpfx.export.base import Exported, Exporter, Progress
+from vpfx.export.base import Exported, Exporter
+from vpfx.model import Progress
 
 __all__ = ["EXPORTER", "write"]
 

@@ -139,15 +139,20 @@ def heights_at(heights, u, v):
 
 @njit(nogil=True, cache=True, inline="always")
 def columns_of(corner, steps, row, n_col):
-    """First and last column of the posts of one row inside a face, edges included."""
-    low, high = -1.0, float(n_col)
+    """First and last column of the posts of one row inside a face, edges included.
+
+    The slack is one across the edge: along the row it is the larger the flatter the edge, up to the corners.
+    """
+    low, high = min(corner[0, 0], corner[1, 0], corner[2, 0]), max(corner[0, 0], corner[1, 0], corner[2, 0])
+    low, high = low - EDGE_SLACK, high + EDGE_SLACK
     for i in range(3):
         crossing = corner[i, 0] + steps[i, 6] * (row - corner[i, 1])
+        slack = EDGE_SLACK * (1.0 + abs(steps[i, 6]))
         if steps[i, 1] < 0.0:  # the inside lies to the west of a northward edge
-            high = crossing if crossing < high else high
+            high = min(high, crossing + slack)
         elif steps[i, 1] > 0.0:
-            low = crossing if crossing > low else low
-    first, last = int(np.ceil(low - EDGE_SLACK)), int(np.floor(high + EDGE_SLACK))
+            low = max(low, crossing - slack)
+    first, last = int(np.ceil(low)), int(np.floor(high))
     return first if first > 0 else 0, last if last < n_col - 1 else n_col - 1
 
 

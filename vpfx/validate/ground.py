@@ -21,6 +21,8 @@ SAME_ERROR = 1e-6
 """Metres, and part of itself, by which a measured error may differ: faces as thin as a hair are steep."""
 SAME_HEIGHT = 1e-8
 """Part of the greatest height by which it may differ besides: those faces are as steep as the relief allows."""
+MOST_MOVED = 2.0
+"""Slacks of places by which a face may lie elsewhere: each corner by one, against a post that stays."""
 ON_LINE = 16.0
 """Units in the last place of the extent within which a post lies on an edge."""
 AT_POST = 4.0
@@ -80,7 +82,18 @@ def _measured(level: LevelData) -> _Measured:
 
 def _differs(told: float, found: float, level: LevelData) -> bool:
     height = float(np.abs(level.data.xyz[:, 2]).max(initial=0.0))
-    return abs(told - found) > SAME_ERROR * (1.0 + found) + SAME_HEIGHT * height
+    slack = _surface_slack(level) if level.data.is_single else 0.0
+    return abs(told - found) > SAME_ERROR * (1.0 + found) + SAME_HEIGHT * height + slack
+
+
+def _surface_slack(level: LevelData) -> float:
+    """How far rounding of places may have moved the surface up or down, metres: by the steepest face, within its relief."""
+    xyz = level.data.xyz
+    one_side, other_side = (xyz[level.face_nodes[:, i]] - xyz[level.face_nodes[:, 0]] for i in (1, 2))
+    normal = np.cross(one_side, other_side)
+    relief = np.ptp(xyz[level.face_nodes, 2], axis=1)
+    moved = MOST_MOVED * level.data.place_slack * np.hypot(normal[:, 0], normal[:, 1]) / normal[:, 2]
+    return float(np.minimum(moved, relief).max(initial=0.0)) + 2 * level.data.height_slack
 
 
 def check_error(level: LevelData) -> Iterator[Defects]:
@@ -133,7 +146,17 @@ def check_heights(data: StoreData) -> Iterator[Defects]:
     def text(i: int) -> tuple[str, str]:
         return f"node={data.nodes['node_id'][node[i]]}", f"z: found {z[i]}, its post has {height[i]}"
 
-    yield from some(np.flatnonzero(np.abs(z - height) > 1e-9 * (1.0 + np.abs(height))), text)
+    slack = 1e-9 * (1.0 + np.abs(height)) + data.height_slack
+    if data.is_single:  # a node that floats do not tell from a post has come there
+        slack += data.place_slack * _steepest(data)
+    yield from some(np.flatnonzero(np.abs(z - height) > slack), text)
+
+
+def _steepest(data: StoreData) -> float:
+    """Rise between posts beside each other, greatest in x plus greatest in y, metres a CRS unit."""
+    lattice, heights = data.metadata["lattice"], data.grid.heights
+    steps = zip((1, 0), (lattice["dx"], lattice["dy"]), strict=True)
+    return sum(float(np.nanmax(np.abs(np.diff(heights, axis=axis)), initial=0.0)) / step for axis, step in steps)
 
 
 MEASURED = ("dem_lattice", "node_height", "face_place", "face_clockwise", "face_area", "row_range")

@@ -17,9 +17,9 @@ from vpfx.validate.store_data import StoreData
 __all__ = ["RULES"]
 
 MOST_OUTSIDE = 2.0
-"""Units in the last place of the extent by which a child may lie outside its parent (R-181)."""
-AREA_PART, AREA_ULPS = 1e-12, 4.0
-"""Part of the area of a parent, and ulps along its perimeter, by which the areas of its children may differ (R-181)."""
+"""Slacks of places by which a child may lie outside its parent (R-181)."""
+AREA_PART, AREA_SLACKS = 1e-12, 4.0
+"""Part of the area of a parent, and slacks of places along its perimeter, by which areas of its children may differ (R-181)."""
 SHARED_PART = 1e-7
 """Of the area of a face, by which its shares may differ: those below 1e-9 of a face are left out (R-182)."""
 SAME = 1e-9
@@ -112,7 +112,7 @@ def check_corners(step: StepData) -> Iterator[Defects]:
     parent, child = step.pairs.T
     away = np.empty(len(parent))
     judge_corners(step.data.xyz, step.coarse.face_nodes[parent], step.fine.face_nodes[child], away)
-    wrong = np.flatnonzero(~(away <= MOST_OUTSIDE * step.data.ulp * (1.0 + SAME)))
+    wrong = np.flatnonzero(~(away <= MOST_OUTSIDE * step.data.place_slack * (1.0 + SAME)))
 
     def text(i: int) -> tuple[str, str]:
         face = step.coarse.faces["face_id"][parent[i]]
@@ -139,7 +139,7 @@ def check_areas(step: StepData) -> Iterator[Defects]:
     parts, _, parts_off = _areas(step.fine)
     total = np.bincount(parent, parts[child], len(area))
     off = off + np.bincount(parent, parts_off[child], len(area))
-    allowed = AREA_PART * np.abs(area) + AREA_ULPS * perimeter * step.data.ulp + off
+    allowed = AREA_PART * np.abs(area) + AREA_SLACKS * perimeter * step.data.place_slack + off
     yield from some(
         np.flatnonzero(~(np.abs(total - area) <= allowed)),
         lambda i: (
@@ -174,7 +174,7 @@ def check_shares(step: StepData) -> Iterator[Defects]:
     for i, level in enumerate((step.coarse, step.fine)):
         area, perimeter, off = _areas(level)
         total = np.bincount(step.pairs[:, i], shared, len(area))
-        allowed = SHARED_PART * area + 2 * AREA_ULPS * perimeter * step.data.ulp + off
+        allowed = SHARED_PART * area + 2 * AREA_SLACKS * perimeter * step.data.place_slack + off
 
         def text(face: int, level: LevelData = level, total: Any = total, area: Any = area) -> tuple[str, str]:
             return level.place("face", face), f"found shares of {total[face]:.12g} in all, it has {area[face]:.12g}"
@@ -223,14 +223,14 @@ def check_parent_heights(level: LevelData) -> Iterator[Defects]:
 
 def check_rise(level: LevelData) -> Iterator[Defects]:
     """The greatest rise of a level is that of its new nodes."""
-    nodes, told = level.data.nodes, level.line.max_rise
+    nodes, told, slack = level.data.nodes, level.line.max_rise, 2 * level.data.height_slack
     if level.level == 0 or not level.data.is_nested:
         if told is not None:
             yield one(f"level={level.level}", f"max_rise: found {told}, expected NULL")
         return
     rises = np.abs(nodes["z"] - nodes["z_parent"])[level.is_new]
     rise = float(rises.max()) if len(rises) else None
-    if (told is None) != (rise is None) or (rise is not None and abs(told - rise) > SAME * max(rise, told)):
+    if (told is None) != (rise is None) or (rise is not None and abs(told - rise) > SAME * max(rise, told) + slack):
         yield one(f"level={level.level}", f"max_rise: found {told}, measured {rise}")
 
 
@@ -241,8 +241,8 @@ def check_surface_before(step: StepData) -> Iterator[Defects]:
     nodes, parent = step.data.nodes, _parents(step)
     off, slack = np.full(len(nodes["z"]), np.inf), np.zeros(len(nodes["z"]))
     corners = step.coarse.face_nodes[parent]
-    measure_rises(step.data.xyz, corners, step.fine.face_nodes, nodes["z_parent"], step.data.ulp, off, slack)
-    slack += SAME * (1.0 + np.abs(nodes["z"]).max(initial=0.0))
+    measure_rises(step.data.xyz, corners, step.fine.face_nodes, nodes["z_parent"], step.data.place_slack, off, slack)
+    slack += SAME * (1.0 + np.abs(nodes["z"]).max(initial=0.0)) + 2 * step.data.height_slack
     wrong = np.flatnonzero(step.fine.is_new & ~(off <= slack))
 
     def text(i: int) -> tuple[str, str]:

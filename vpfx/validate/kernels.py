@@ -138,7 +138,7 @@ def expected_links(face_edges, edge_faces, edge_sides, link):
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
-def measure_slopes(places, face_nodes, metres, ulp, found):
+def measure_slopes(places, face_nodes, metres, slack, found):
     """Measure slope and aspect of faces, and how far rounding of places may carry them.
 
     Parameters
@@ -148,15 +148,16 @@ def measure_slopes(places, face_nodes, metres, ulp, found):
     face_nodes : int32 (n_face, 3)
     metres : float64 (n_face, 2)
         Size of a post spacing in the tile of each face.
-    ulp : float64 (2,)
-        Post spacings by which a place may be off.
+    slack : float64 (3,)
+        Post spacings by which a place may be off, east and north; metres by which a height may.
     found : float64 (n_face, 4)
         Takes slope, its slack, aspect (NaN for level ground) and its slack: hundredths of a degree.
 
     Notes
     -----
     The rise in a direction is a height times a length by the area. A place that is off by d changes the area by up to d times
-    the perimeter, so the rise by that part of itself; and products of heights and lengths round.
+    the perimeter, so the rise by that part of itself; and products of heights and lengths round. Where rounding may take the
+    whole area, any rise may have been.
     """
     for face in range(len(face_nodes)):
         a, b, c = face_nodes[face]
@@ -168,14 +169,17 @@ def measure_slopes(places, face_nodes, metres, ulp, found):
         east, north = (z1 * y2 - z2 * y1) / area, (z2 * x1 - z1 * x2) / area
         steepness = np.hypot(east, north)
         perimeter = np.hypot(x1, y1) + np.hypot(x2, y2) + np.hypot(x2 - x1, y2 - y1)
-        off = max(ulp[0] * width, ulp[1] * height)
+        off = max(slack[0] * width, slack[1] * height)
         share = off * perimeter / area
         reach = 4.0 * (steepness * share + (off + 1e-15 * perimeter) * (abs(z1) + abs(z2)) / area)
+        reach = (reach + 4.0 * slack[2] * perimeter / area) / (1.0 - share) if share < 1.0 else np.inf
         found[face, 0] = 100.0 * np.degrees(np.arctan(steepness))
-        found[face, 1] = 100.0 * np.degrees(reach / (1.0 + steepness * steepness)) + 1e-6
+        least = np.arctan(steepness - min(reach, steepness))
+        most = np.arctan(steepness + reach)
+        found[face, 1] = 100.0 * np.degrees(max(np.arctan(steepness) - least, most - np.arctan(steepness))) + 1e-6
         direction = np.degrees(np.arctan2(-east, -north)) if steepness > 0.0 else np.nan
         found[face, 2] = 100.0 * (direction + 360.0 if direction < 0.0 else direction)
-        found[face, 3] = 100.0 * np.degrees(reach / steepness) + 1e-6
+        found[face, 3] = 100.0 * (np.degrees(np.arcsin(reach / steepness)) if reach < steepness else 180.0) + 1e-6
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
@@ -239,7 +243,7 @@ def judge_corners(nodes, parents, children, away):
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
-def measure_rises(nodes, parents, faces, z_parent, ulp, off, slack):
+def measure_rises(nodes, parents, faces, z_parent, reach, off, slack):
     """Measure how far the told heights of the level before are from its faces at the corners of their children.
 
     Parameters
@@ -249,7 +253,7 @@ def measure_rises(nodes, parents, faces, z_parent, ulp, off, slack):
         Corners of the parent of each face, and its own.
     z_parent : float64 (n_node,)
         Heights told, metres.
-    ulp : float
+    reach : float
         CRS units by which a place may be off by rounding.
     off : float64 (n_node,)
         Takes the least distance from any of the parents' planes, or from their edge if the node lies on it, metres.
@@ -274,14 +278,14 @@ def measure_rises(nodes, parents, faces, z_parent, ulp, off, slack):
                 east, north = nodes[q, 0] - nodes[p, 0], nodes[q, 1] - nodes[p, 1]
                 length = np.hypot(east, north)
                 u, v = nodes[node, 0] - nodes[p, 0], nodes[node, 1] - nodes[p, 1]
-                if abs(u * north - v * east) <= 4.0 * ulp * length:
+                if abs(u * north - v * east) <= 4.0 * reach * length:
                     along = (u * east + v * north) / (length * length)
                     on_edge = nodes[p, 2] + along * (nodes[q, 2] - nodes[p, 2])
                     distance = min(distance, abs(on_edge - z_parent[node]))
             if distance < off[node]:
                 off[node] = distance
                 steep = np.hypot(z1 * y2 - z2 * y1, z2 * x1 - z1 * x2) / area
-                slack[node] = min(4.0 * ulp * steep, abs(z1) + abs(z2))
+                slack[node] = min(4.0 * reach * steep, abs(z1) + abs(z2))
 
 
 @njit(nogil=True, cache=True, error_model="numpy")

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from vpfx.exact import face_turns
 from vpfx.store.tiles import Tiling
 from vpfx.validate.kernels import face_at_edges, find_dense
-from vpfx.validate.outside import Outside, Slits, find_outside, find_slits
+from vpfx.validate.outside import Outside, Slits, find_outside, find_slits, straighten
 from vpfx.validate.store_data import RANGED, StoreData
 from vpfx.validate.values import Line
 
@@ -166,7 +166,7 @@ class LevelData:
     @cached_property
     def outside(self) -> Outside:
         """Edges without a face on one hand."""
-        return find_outside(self.edge_nodes, self.edge_faces, self.data.places)
+        return find_outside(self.edge_nodes, self.edge_faces, self.straight_places)
 
     @cached_property
     def borders(self) -> tuple[Ids, Ids]:
@@ -184,7 +184,18 @@ class LevelData:
     @cached_property
     def slits(self) -> Slits:
         """Edges along which shorter ones run."""
-        return find_slits(self.outside, self.data.places)
+        return find_slits(self.outside, self.straight_places)
+
+    @cached_property
+    def straight_places(self) -> NDArray[np.float64]:
+        """Places of nodes in post spacings, (n_node, 2); in single precision those told inside edges are on them again."""
+        if not self.data.is_single or not self.t_junctions:
+            return self.data.places
+        rows = np.array([row[:2] for row in self.t_junctions], np.int64)
+        edge, node = find_ids(self.edges["edge_id"], rows[:, 0]), find_ids(self.data.nodes["node_id"], rows[:, 1])
+        spacing = np.array([self.data.metadata["lattice"][name] for name in ("dx", "dy")])
+        xy = straighten(self.data.places * spacing, self.edge_nodes[edge], node, 2 * self.data.place_slack)
+        return xy / spacing
 
     @cached_property
     def turns(self) -> NDArray[np.int8]:

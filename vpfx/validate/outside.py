@@ -9,13 +9,16 @@ from numpy.typing import NDArray
 
 from vpfx.validate.kernels import walk_slits
 
-__all__ = ["Outside", "Slits", "find_outside", "find_slits"]
+__all__ = ["Outside", "Slits", "find_outside", "find_slits", "straighten"]
 
 SAME_WAY = 1e-7
 """Radians between directions that count as one: places inside an edge are rounded, so lie beside it by a hair."""
 
 ROOM = 4
 """Times as many steps along slits as there are sides: in a mesh each is passed once."""
+
+MOST_ROUNDS = 32
+"""Times that nodes are put on edges whose own ends were: edges inside edges inside edges."""
 
 Ints = NDArray[np.int64]
 
@@ -140,3 +143,43 @@ def find_slits(outside: Outside, places: NDArray[np.float64]) -> Slits:
     short, owner = short[is_closed[owner]], owner[is_closed[owner]]
     node = np.where(outside.end[short] == goal[owner], -1, outside.end[short])
     return Slits(outside.edge[long[owner]], outside.edge[short], node, np.unique(broken))
+
+
+def straighten(
+    xy: NDArray[np.float64], ends: NDArray[np.int32], inside: NDArray[np.int32], reach: float
+) -> NDArray[np.float64]:
+    """Put nodes inside edges back on them, where rounding may have moved them aside.
+
+    Parameters
+    ----------
+    xy : float64 (n_node, 2)
+        Places, CRS units.
+    ends : int32 (n, 2)
+        Start and end of an edge.
+    inside : int32 (n,)
+        A node that is told to lie inside it.
+    reach : float
+        CRS units; nodes farther from where they belong stay.
+
+    Returns
+    -------
+    float64 (n_node, 2)
+
+    Examples
+    --------
+    >>> straighten(np.array([[0, 0], [4, 0], [1, 0.25]]), np.array([[0, 1]]), np.array([2]), 0.5)[2].tolist()
+    [1.0, 0.0]
+    """
+    moved = xy.copy()
+    for _ in range(MOST_ROUNDS):
+        start, end = moved[ends[:, 0]], moved[ends[:, 1]]
+        way = end - start
+        square = np.maximum((way * way).sum(axis=1), np.finfo(np.float64).tiny)
+        along = ((xy[inside] - start) * way).sum(axis=1) / square
+        goal = start + along[:, None] * way
+        is_near = (np.hypot(*(goal - xy[inside]).T) <= reach) & (along > 0) & (along < 1)
+        before = moved[inside[is_near]]
+        moved[inside[is_near]] = goal[is_near]
+        if np.array_equal(before, moved[inside[is_near]]):
+            break
+    return moved

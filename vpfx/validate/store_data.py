@@ -6,6 +6,7 @@ Nothing here is checked: the rules do that. What cannot be read raises `sqlite3.
 from __future__ import annotations
 
 import json
+import math
 import os
 import sqlite3
 from collections.abc import Iterator, Sequence
@@ -35,6 +36,7 @@ __all__ = ["ALL_IDS", "HEADER", "RANGED", "StoreData", "open_store_data"]
 HEADER = 100  # bytes
 READ_VERSION, WAL = 19, b"\2"  # byte of the header, and what it is where newest pages may lie in a write-ahead log
 XYZ_SIZE = 24  # bytes
+FLOAT_BITS, LEAST_EXPONENT = 24, -125  # of single precision, with the first bit behind the point
 BUSY_SECONDS = 5.0  # that a writer is waited for
 BESIDE = 1e-3
 """Post spacings around the extent in which posts are looked for: those on its sides may lie a hair outside."""
@@ -65,6 +67,11 @@ def open_store_data(path: Path, dem: Sequence[str | Path] = ()) -> Iterator[Stor
         yield data
     finally:
         data.close()
+
+
+def _float_spacing(value: float) -> float:
+    """Spacing of floats at a value, also at one that no float holds."""
+    return math.ldexp(1.0, max(math.frexp(value)[1], LEAST_EXPONENT) - FLOAT_BITS)
 
 
 class StoreData:
@@ -273,8 +280,31 @@ class StoreData:
         return float(np.spacing(np.abs(self.boxes).max()))
 
     @cached_property
+    def is_single(self) -> bool:
+        """Whether places and heights were rounded to single precision, as those of some VPF are."""
+        return self.metadata.get("coordinate_precision") == "single"
+
+    @cached_property
+    def place_slack(self) -> float:
+        """How far rounding may have moved a place, CRS units: the one measure of all rules that allow for it.
+
+        An ulp; in single precision √2 times the spacing of floats at the largest coordinate: x and y may both be off by it.
+        """
+        if not self.is_single:
+            return self.ulp
+        return math.sqrt(2.0) * _float_spacing(np.abs(self.boxes).max())
+
+    @cached_property
+    def height_slack(self) -> float:
+        """How far heights may have been rounded, metres: 0, or half the spacing of floats at the greatest."""
+        if not self.is_single:
+            return 0.0
+        greatest = np.nanmax(np.abs([self.nodes["z"], self.nodes["z_parent"]]), initial=0.0)
+        return _float_spacing(greatest) / 2
+
+    @cached_property
     def place_ulp(self) -> NDArray[np.float64]:
-        """How far a place may be off by rounding, in post spacings, (2,)."""
+        """An ulp in post spacings, (2,)."""
         lattice = self.metadata["lattice"]
         return self.ulp / np.array([lattice["dx"], lattice["dy"]], np.float64)
 

@@ -59,7 +59,8 @@ def _measure_slopes(level: LevelData) -> NDArray[np.float64]:
     metres = np.array([ground_size(crs, x, y, lattice["dx"], lattice["dy"]) for x, y in middles.tolist()])
     found = np.empty((len(level.face_nodes), 4))
     places = np.column_stack([level.data.places, level.data.xyz[:, 2]])
-    measure_slopes(places, level.face_nodes, metres[level.faces["tile_id"] - 1], level.data.place_ulp, found)
+    slack = np.array([*level.data.place_slack / np.array([lattice["dx"], lattice["dy"]]), level.data.height_slack])
+    measure_slopes(places, level.face_nodes, metres[level.faces["tile_id"] - 1], slack, found)
     return found
 
 

@@ -54,6 +54,10 @@ def _check_parts(metadata: dict[str, Any]) -> Iterator[Defects]:
     if isinstance(options := metadata.get("options"), dict) and not is_whole(options.get("tile_size"), LEAST_TILE_SIZE):
         found = _short(options.get("tile_size"))
         yield one("table=metadata name=options", f"tile_size: found {found}, expected at least {LEAST_TILE_SIZE}")
+    if (precision := metadata.get("coordinate_precision", "single")) != "single":
+        yield one(
+            "table=metadata name=coordinate_precision", f"found {_short(precision)}, expected 'single', or no row"
+        )
     if isinstance(unit := metadata.get("vertical_unit"), str) and unit != "metre":
         yield one("table=metadata name=vertical_unit", f"found {_short(unit)}, expected 'metre'")
     if isinstance(wkt := metadata.get("crs_wkt2"), str) and wkt:

@@ -16,8 +16,8 @@ from vpfx.validate.values import is_number
 
 __all__ = ["RULES"]
 
-COVER_PART, COVER_ULPS = 1e-12, 4.0
-"""Of the area of a tile, and ulps along the perimeters of its faces, by which the faces may add up to less or more."""
+COVER_PART, COVER_SLACKS = 1e-12, 4.0
+"""Of the area of a tile, slacks of places along the perimeters of its faces, by which faces may add up to less or more."""
 
 
 def _lines(data: StoreData) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
@@ -177,7 +177,9 @@ def check_cover(level: LevelData) -> Iterator[Defects]:
         return
     _, total, reach = _boxes_and_areas(level)
     expected = (data.boxes[:, 2] - data.boxes[:, 0]) * (data.boxes[:, 3] - data.boxes[:, 1])
-    wrong = np.flatnonzero(~(np.abs(total - expected) <= COVER_PART * expected + COVER_ULPS * data.ulp * reach))
+    wrong = np.flatnonzero(
+        ~(np.abs(total - expected) <= COVER_PART * expected + COVER_SLACKS * data.place_slack * reach)
+    )
     where = f"level={level.level}"
     yield from some(
         wrong,

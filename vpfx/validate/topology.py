@@ -169,6 +169,10 @@ def check_gaps(level: LevelData) -> Iterator[Defects]:
     along = (way[:, :2] * to_node[:, :2]).sum(axis=1) / (way[:, :2] ** 2).sum(axis=1)
     gap = to_node[:, 2] - along * way[:, 2]
     slack = SAME_HEIGHT * (1.0 + np.abs(level.data.xyz[:, 2]).max(initial=0.0))
+    slack += 2 * level.data.height_slack
+    if level.data.is_single:
+        steepness = np.abs(way[:, 2]) / np.hypot(way[:, 0], way[:, 1])
+        slack = slack + 4 * level.data.place_slack * steepness
     yield from some(
         np.flatnonzero(~(np.abs(gap - told) <= slack)),
         lambda i: (f"{level.place('edge', edge[i])} node={rows[i, 1]}", f"found a gap of {told[i]}, measured {gap[i]}"),
@@ -197,7 +201,7 @@ RULES = (
     Rule("V306", "edge_direction", ERROR, "R-160", "an edge runs the wrong way", check_directions, "level",
          ("edge_faces", "edge_alone")),
     Rule("V307", "winged_link", ERROR, "R-161", "a link does not lead to the next edge round a node", check_links, "level",
-         ("edge_faces", "edge_alone", "face_clockwise", "equal_places")),
+         ("edge_faces", "edge_alone", "face_clockwise", "equal_places", "junction_reference")),
     Rule("V308", "node_unused", ERROR, "R-151", "a node is a corner of no face", check_unused_nodes, "level",
          (*REFERENCES, "equal_places")),
     Rule("V309", "t_junction", ERROR, "R-190", "T-junctions told and found differ", check_junctions, "level",

@@ -224,33 +224,54 @@ class Library:
         """The row of ``lht``, as `reference`."""
         return _first_row(find(self.path, "lht", within=self.root))
 
-    @cached_property
+    @property
     def tiles(self) -> dict[int, TilePath]:
         """Tiles by their ids; none if the library is not tiled. Rows of ``tileref.aft`` without a name are no tiles.
 
         Raises
         ------
         VpfFormatError
-            The tile reference coverage is broken, or a name in it leads elsewhere (V-202).
+            The tile reference coverage is broken.
         """
+        return self._tile_rows[0]
+
+    @property
+    def problems(self) -> tuple[str, ...]:
+        """Rows of ``tileref.aft`` whose names lead elsewhere (V-202), so are no tiles; lines as of errors.
+
+        Raises
+        ------
+        VpfFormatError
+            As `tiles`.
+        """
+        return self._tile_rows[1]
+
+    @cached_property
+    def _tile_rows(self) -> tuple[dict[int, TilePath], tuple[str, ...]]:
         folder = find(self.path, "tileref", within=self.root)
         if folder is None or not folder.is_dir():
-            return {}
+            return {}, ()
         coverage = Coverage(self, folder, "tileref")
         listed = [found for found in coverage.classes.values() if found.primitive == "fac"]
         path = coverage.find(listed[0].table if listed else "tileref.aft")
         if path is None:
-            return {}
+            return {}, ()
         table = read_bounded(path)
         ids, faces = _numbers(table, "id"), _numbers(table, listed[0].prim_key if listed else "fac_id")
         rows = np.arange(1, table.n_row + 1)
         extents = _extents(coverage, rows if faces is None else faces)
         tiles: dict[int, TilePath] = {}
+        problems = []
         for i, name in enumerate(texts(table["tile_name"])):
-            if name is not None and name.strip("\\/ "):
+            if name is None or not name.strip("\\/ "):
+                continue
+            try:
                 parts = split(name, f"{path}: row {i + 1}")
-                tiles.setdefault(int((rows if ids is None else ids)[i]), TilePath(name, "/".join(parts), extents[i]))
-        return tiles
+            except VpfFormatError as error:
+                problems.append(f"{error}; it is no tile")
+                continue
+            tiles.setdefault(int((rows if ids is None else ids)[i]), TilePath(name, "/".join(parts), extents[i]))
+        return tiles, tuple(problems)
 
 
 @dataclass(frozen=True, eq=False)

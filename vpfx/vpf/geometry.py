@@ -18,7 +18,17 @@ from vpfx.vpf.rings import Rings, WingedEdges
 from vpfx.vpf.table import Table
 from vpfx.vpf.values import Ragged, texts
 
-__all__ = ["Faces", "edge_lines", "face_polygons", "find_rows", "ids_of", "node_points", "text_places", "winged_edges"]
+__all__ = [
+    "Faces",
+    "Geometries",
+    "edge_lines",
+    "face_polygons",
+    "find_rows",
+    "ids_of",
+    "node_points",
+    "text_places",
+    "winged_edges",
+]
 
 Geometries = NDArray[np.object_]
 Ids = NDArray[np.int64]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from contextlib import suppress
 from itertools import pairwise
 from typing import Any
 
@@ -48,6 +49,8 @@ def _library(library: Library) -> dict[str, Any]:
             told[name] = part()
         except VpfxError as error:
             told["problems"].append(str(error))
+    with suppress(VpfxError):  # the same as that of the tiles
+        told["problems"] += library.problems
     told["problems"] = list(dict.fromkeys(told["problems"]))
     return told
 

@@ -12,9 +12,10 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
+from vpfx.vpf.geometry import Geometries
+
 __all__ = ["merge_parts"]
 
-Geometries = NDArray[np.object_]
 Ids = NDArray[np.int64]
 
 

@@ -22,14 +22,13 @@ from numpy.typing import NDArray
 from vpfx.errors import NotFoundError, VpfFormatError
 from vpfx.vpf.catalog import Coverage, FeatureClass
 from vpfx.vpf.decode import Field, decode_fields, text_field
-from vpfx.vpf.geometry import edge_lines, face_polygons, find_rows, ids_of, node_points, text_places
+from vpfx.vpf.geometry import Geometries, edge_lines, face_polygons, find_rows, ids_of, node_points, text_places
 from vpfx.vpf.merge import merge_parts
 from vpfx.vpf.paths import find
 from vpfx.vpf.table import Table, open_table, read_table
 
 __all__ = ["FeatureRows", "class_tables", "has_faces", "read_class", "read_primitives", "tiles_of"]
 
-Geometries = NDArray[np.object_]
 Ids = NDArray[np.int64]
 
 MOST_SHOWN = 5  # numbers in one message
@@ -115,7 +114,14 @@ def read_class(coverage: Coverage, found: FeatureClass) -> FeatureRows:
             strings[row] = text
         name = "string" if "string" not in fields else "txt_string"
         fields[name] = text_field(strings)
-    return FeatureRows(fields, geometry, (*problems, *parts.problems))
+    return FeatureRows(fields, geometry, (*problems, *_row_problems(coverage, references), *parts.problems))
+
+
+def _row_problems(coverage: Coverage, references: _References) -> tuple[str, ...]:
+    """Rows that are no tiles, where tiles are asked for; a tile reference that is broken is told with them."""
+    with suppress(VpfFormatError):
+        return coverage.library.problems if references.tile.any() else ()
+    return ()
 
 
 def _references(
@@ -266,8 +272,9 @@ def read_primitives(coverage: Coverage, primitive: str) -> FeatureRows:
     """
     tables: list[dict[str, Field]] = []
     shapes: list[Geometries] = []
-    problems: list[str] = []
-    for tile in tiles_of(coverage, primitive):
+    asked = tiles_of(coverage, primitive)
+    problems = [*coverage.library.problems] if any(asked) else []
+    for tile in asked:
         try:
             fields, geometry, told = _primitives_of_tile(coverage, primitive, tile)
         except VpfFormatError as error:

@@ -128,7 +128,7 @@ def _check_unique(tally: Tally, where: str, values: NDArray[Any]) -> None:
 def _check_column(found: Scan, column: Column, values: Any, where: str, start: int) -> None:
     if column.kind in TEXT_KINDS:
         is_wrong = _has_wrong_bytes(values, most=127 if column.kind == "T" else 255)
-        what = "a control character" if column.kind != "T" else "a byte that is no ASCII"
+        what = "a control character" if column.kind != "T" else "a byte that is no printable ASCII"
         expected = "expected printable characters" + (" of ASCII; type L has Latin-1" if column.kind == "T" else "")
         found.texts.add(
             np.flatnonzero(is_wrong), lambda i: (f"{where} row={start + i + 1}", f"found {what}, {expected}")
