@@ -9,11 +9,11 @@ from numpy.typing import NDArray
 
 from vpfx.errors import VpfFormatError
 from vpfx.validate.report import ERROR, Defects, Rule, one, some
-from vpfx.validate.vpf.folders import Places, TableData, places
+from vpfx.validate.vpf.folders import Places, TableData, places, rectangles
 from vpfx.validate.vpf.tile import TileData
 from vpfx.vpf import spatial_index
 
-__all__ = ["CORNERS", "RULES", "face_boxes", "place_boxes"]
+__all__ = ["RULES", "face_boxes", "place_boxes"]
 
 Floats = NDArray[np.float64]
 
@@ -22,7 +22,6 @@ STEPS = 255
 SLACK = 1e-3
 """Of a step: producers round in single precision."""
 INDEXES = {"nsi": "end", "csi": "cnd", "esi": "edg", "fsi": "fac", "tsi": "txt"}
-CORNERS = ("xmin", "ymin", "xmax", "ymax")
 MOST_INDEX = 1 << 31
 """Bytes of a spatial index that is read."""
 
@@ -78,12 +77,13 @@ def _check_rectangles(tile: TileData, name: str, primitive: str) -> Iterator[Def
     """Compare the rectangles of a table with what they are of."""
     table, boxes = tile.table(name), _boxes(tile, primitive)
     count = tile.coverage.count(primitive, tile.tile_id)
-    if table is None or table.rows is None or count is None or any(corner not in table.rows for corner in CORNERS):
+    box = rectangles(table)
+    if table is None or box is None or count is None:
         return
     if table.n_row != count:
         yield one(f"table={table.where}", f"found {table.n_row} rows, expected {count}, one a row of {primitive}")
     elif boxes is not None:
-        found = np.stack([table.rows[corner].astype(np.float64) for corner in CORNERS], axis=1)
+        found = box.astype(np.float64)
         with np.errstate(invalid="ignore"):
             is_wrong = ~((found[:, :2] <= boxes[:, :2]) & (found[:, 2:] >= boxes[:, 2:])).all(axis=1)
         wrong = np.flatnonzero(is_wrong & np.isfinite(boxes).all(axis=1))

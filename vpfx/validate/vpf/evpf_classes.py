@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from vpfx.validate.report import ERROR, Defects, Rule, one, some
 from vpfx.validate.vpf.evpf_links import face_shapes
+from vpfx.validate.vpf.evpf_tables import check_layout
 from vpfx.validate.vpf.evpf_tiles import TILE
 from vpfx.validate.vpf.folders import TableData, numbers
 from vpfx.validate.vpf.hierarchy import EvpfData, EvpfTile, LevelTables, spacing_of
@@ -57,6 +58,7 @@ def check_classes(data: EvpfData) -> Iterator[Defects]:
                 expected = f"expected {name}.aft and .ajt in {level.where}, and a row A in its fca"
                 yield one(f"table={classes.table.where} row={i + 1}", f"found class {name!r}, {expected}")
                 return
+            yield from check_layout(joins, f"{name}_id I share R tile_id S fac_id I")
             first = first or features
             if not filecmp.cmp(first.path, features.path, shallow=False):
                 yield one(

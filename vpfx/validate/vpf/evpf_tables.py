@@ -12,13 +12,13 @@ from vpfx.errors import StoreFormatError
 from vpfx.store.contents import decode_metadata
 from vpfx.store.tiles import Tiling
 from vpfx.validate.report import ERROR, Defects, Rule, one, some
-from vpfx.validate.vpf.boxes import CORNERS, face_boxes, place_boxes
-from vpfx.validate.vpf.folders import TableData
+from vpfx.validate.vpf.boxes import face_boxes, place_boxes
+from vpfx.validate.vpf.folders import TableData, rectangles
 from vpfx.validate.vpf.hierarchy import EvpfData, EvpfTile, LevelTables
 from vpfx.validate.vpf.scan import Tally
 from vpfx.vpf.spatial_index import outward
 
-__all__ = ["RULES", "TABLES"]
+__all__ = ["RULES", "TABLES", "check_layout", "check_tables"]
 
 TEXT = "TL"
 TABLES = {
@@ -65,11 +65,14 @@ def check_tables(data: EvpfData) -> Iterator[Defects]:
         for name, columns in TABLES.items():
             table = level.coverage.folder.table(name)
             if table is not None and table.head is not None:
-                yield from _check_layout(table, columns)
+                has_areas = name == "parent.rat" and table.head.layout.find("area") is not None
+                yield from check_layout(table, f"{columns} area R" if has_areas else columns)
 
 
-def _check_layout(table: TableData, columns: str) -> Iterator[Defects]:
-    assert table.head is not None
+def check_layout(table: TableData, columns: str) -> Iterator[Defects]:
+    """A table has some columns, told as names and types in turn."""
+    if table.head is None:
+        return
     fields = columns.split()
     for name, kinds in zip(fields[::2], fields[1::2], strict=True):
         column = table.head.layout.find(name)
@@ -129,10 +132,9 @@ def check_boxes(tile: EvpfTile) -> Iterator[Defects]:
     faces[0, :2], faces[0, 2:] = faces[1:, :2].min(axis=0), faces[1:, 2:].max(axis=0)
     for name, expected in (("ebr", outward(place_boxes(edges.places))), ("fbr", outward(faces))):
         table = tile.tile.table(name)
-        if table is not None and table.rows is not None and all(corner in table.rows for corner in CORNERS):
-            found = np.stack([table.rows[corner] for corner in CORNERS], axis=1)
-            if found.shape == expected.shape:
-                yield from some(np.flatnonzero((found != expected).any(axis=1)), _describe_box(table, found, expected))
+        found = rectangles(table)
+        if table is not None and found is not None and found.shape == expected.shape:
+            yield from some(np.flatnonzero((found != expected).any(axis=1)), _describe_box(table, found, expected))
 
 
 def _describe_box(table: TableData, found: Any, expected: Any) -> Callable[[int], tuple[str, str]]:
@@ -165,7 +167,7 @@ def check_grid(data: EvpfData) -> Iterator[Defects]:
             expected = "" if names is None else f", expected {'/'.join(names)!r} and face {row.tile_id + 1}"
             tally.tell(f"{where} row={row.tile_id}", f"found tile {row.name!r} with face {row.face}{expected}")
     yield from tally.defects()
-    if not tally.count and fbr is not None and fbr.rows is not None and all(name in fbr.rows for name in CORNERS):
+    if not tally.count and fbr is not None:
         yield from _check_rectangles(fbr, lattice, tiling)
 
 
@@ -177,10 +179,10 @@ def _check_rectangles(fbr: TableData, lattice: Any, tiling: Tiling) -> Iterator[
     x, y = lattice.x0 + lattice.dx * tiling.col_lines, lattice.y0 + lattice.dy * tiling.row_lines
     row, col = np.divmod(np.arange(tiling.n_tile), tiling.n_tile_col)
     expected = outward(np.stack([x[col], y[row], x[col + 1], y[row + 1]], axis=1))
-    assert fbr.rows is not None
-    found = np.stack([fbr.rows[name][1:] for name in CORNERS], axis=1)
-    if found.shape != expected.shape:
+    found = rectangles(fbr)
+    if found is None or found[1:].shape != expected.shape:
         return
+    found = found[1:]
     wrong = np.flatnonzero((found != expected).any(axis=1))
     message = "found {}, expected {}".format
     yield from some(

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from vpfx.errors import VpfFormatError
 from vpfx.validate.report import ERROR, NOTE, Defects, Rule, one
 from vpfx.validate.vpf.folders import TableData, numbers
-from vpfx.validate.vpf.parts import CoverageData
+from vpfx.validate.vpf.parts import CoverageData, is_sound
 from vpfx.validate.vpf.scan import Tally
 from vpfx.vpf.header import Column
 from vpfx.vpf.schema import FeatureClass
@@ -158,7 +158,7 @@ def _different(values: Any, column: Column) -> list[Any]:
 def _described(coverage: CoverageData, value_table: str, table: str, column: str) -> set[Any]:
     """Values of a column that are described."""
     found = coverage.folder.table(value_table)
-    rows = None if found is None else found.rows
+    rows = None if found is None or not is_sound(found) else found.rows
     if rows is None:
         return set()
     try:

@@ -17,12 +17,24 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vpfx.errors import NotFoundError, VpfFormatError
-from vpfx.vpf.header import Layout
+from vpfx.vpf.header import TEXT_KINDS, Layout
 from vpfx.vpf.index_file import find_index
 from vpfx.vpf.table import Ragged, Table, open_table
-from vpfx.vpf.values import NULL_INT, NULL_SHORT
+from vpfx.vpf.values import NULL_INT, NULL_SHORT, texts
 
-__all__ = ["BATCH", "Folder", "Head", "Places", "TableData", "kind_of", "numbers", "places", "triplets"]
+__all__ = [
+    "BATCH",
+    "Folder",
+    "Head",
+    "Places",
+    "TableData",
+    "kind_of",
+    "numbers",
+    "places",
+    "rectangles",
+    "text_values",
+    "triplets",
+]
 
 BATCH = 1 << 18
 """Rows that are in memory at a time where a table is gone through."""
@@ -34,6 +46,8 @@ FIXED = {
 SUFFIXES = {f"{kind}{form}" for kind in "aplct" for form in ("ft", "jt")} | {
     "fit", "vdt", "rat", "doc", "rjt", "njt", "dpt", "rpt", "abr", "lbr", "tbr", "pbr", "cbr",
 }  # fmt: skip
+
+CORNERS = ("xmin", "ymin", "xmax", "ymax")
 
 Ids = NDArray[np.int64]
 
@@ -243,6 +257,21 @@ def numbers(table: Table | None, name: str) -> Ids | None:
     null = NULL_SHORT if column.dtype.itemsize == 2 else NULL_INT
     ids[(ids == null) | (ids == null + 1)] = 0
     return ids
+
+
+def text_values(table: Table | None, name: str) -> list[str | None] | None:
+    """Texts of a column, nulls None; None if there is no such column."""
+    column = None if table is None else table.layout.find(name)
+    return None if table is None or column is None or column.kind not in TEXT_KINDS else texts(table[name])
+
+
+def rectangles(table: TableData | None) -> NDArray[np.floating[Any]] | None:
+    """Columns xmin, ymin, xmax, ymax in the precision of the table (n_row, 4); None if they are not there."""
+    rows = None if table is None else table.rows
+    columns = [] if rows is None else [rows.layout.find(name) for name in CORNERS]
+    if rows is None or any(column is None or column.kind not in "FR" or column.count != 1 for column in columns):
+        return None
+    return np.stack([rows[name] for name in CORNERS], axis=1)
 
 
 def triplets(table: Table | None, name: str) -> Ids | None:

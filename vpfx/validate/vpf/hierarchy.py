@@ -19,11 +19,10 @@ from vpfx.errors import InputError, VpfFormatError
 from vpfx.evpf.texts import from_vpf
 from vpfx.store.tiles import Tiling
 from vpfx.validate.vpf.borders import Borders
-from vpfx.validate.vpf.folders import TableData, numbers
+from vpfx.validate.vpf.folders import TableData, numbers, text_values
 from vpfx.validate.vpf.parts import CoverageData, LibraryData
 from vpfx.validate.vpf.tile import TileData
 from vpfx.vpf.table import Table, open_table
-from vpfx.vpf.values import texts
 
 __all__ = ["BESIDE", "EvpfData", "EvpfTile", "Lattice", "LevelTables", "Sums", "TileRows", "spacing_of"]
 
@@ -268,10 +267,11 @@ class EvpfData:
         """Rows of ``evpf.rat``; names that come twice once."""
         table = self.levels[0].coverage.folder.table("evpf.rat")
         rows = None if table is None or table.n_row > MOST_ROWS else table.rows
-        if rows is None or "name" not in rows or "value" not in rows:
+        names, values = text_values(rows, "name"), text_values(rows, "value")
+        if names is None or values is None:
             return {}
         try:
-            pairs = zip(texts(rows["name"]), texts(rows["value"]), strict=True)
+            pairs = zip(names, values, strict=True)
             return {from_vpf(name or ""): from_vpf(value or "") for name, value in pairs}
         except VpfFormatError:
             return {}

@@ -16,13 +16,13 @@ from typing import NamedTuple
 
 from vpfx.errors import VpfFormatError
 from vpfx.model import Extent
-from vpfx.validate.vpf.folders import Folder, TableData, numbers
+from vpfx.validate.vpf.columns import missing_columns, wanted_columns, wrong_types
+from vpfx.validate.vpf.folders import Folder, TableData, numbers, rectangles, text_values
 from vpfx.vpf.layouts import PRIMITIVES
 from vpfx.vpf.paths import split
 from vpfx.vpf.schema import FeatureClass, Relation, classes_of, read_kinds, read_relations
-from vpfx.vpf.values import texts
 
-__all__ = ["CoverageData", "DatabaseData", "LibraryData", "Target", "TileRow", "find_target", "names_of"]
+__all__ = ["CoverageData", "DatabaseData", "LibraryData", "Target", "TileRow", "find_target", "is_sound", "names_of"]
 
 MOST_LISTED = 100_000
 """Rows of a list of libraries, coverages, classes or tiles that are looked at; the most seen are 5 000."""
@@ -61,13 +61,10 @@ class DatabaseData:
     def listed(self) -> dict[str, Extent]:
         """Libraries of ``lat`` by their names in lower case."""
         table = self.folder.table("lat")
-        rows = None if table is None else table.rows
-        corners = ("xmin", "ymin", "xmax", "ymax")
-        if rows is None or any(name not in rows or rows[name].dtype.kind != "f" for name in corners):
+        boxes = rectangles(table)
+        if boxes is None:
             return {}
-        names = names_of(table, "library_name")
-        boxes = zip(*(rows[name].tolist() for name in corners), strict=True)
-        return {name: Extent(*box) for name, box in zip(names, boxes, strict=False)}
+        return {name: Extent(*box) for name, box in zip(names_of(table, "library_name"), boxes.tolist(), strict=False)}
 
     @cached_property
     def libraries(self) -> dict[str, LibraryData]:
@@ -104,8 +101,8 @@ class LibraryData:
     def data_type(self) -> str:
         """What coordinates are, as ``grt`` has it: GEO, MAP or TAB; empty if it says nothing."""
         table = self.folder.table("grt")
-        column = None if table is None else table.column("data_type")
-        return "" if column is None or not len(column) else (texts(column)[0] or "")
+        values = None if table is None else text_values(table.rows, "data_type")
+        return (values[0] or "") if values else ""
 
     @cached_property
     def coverage_paths(self) -> dict[str, Path]:
@@ -141,12 +138,10 @@ class LibraryData:
     def tile_rows(self) -> list[TileRow]:
         """Rows of the feature table of tiles."""
         table, key = self.tile_table
-        rows = None if table is None else table.rows
-        if rows is None or "tile_name" not in rows or rows.n_row > MOST_LISTED:
-            return []
-        ids, faces = numbers(rows, "id"), numbers(rows, key)
+        rows = None if table is None or table.n_row > MOST_LISTED else table.rows
+        ids, faces, names = numbers(rows, "id"), numbers(rows, key), text_values(rows, "tile_name")
         found = []
-        for i, name in enumerate(texts(rows["tile_name"])):
+        for i, name in enumerate(names or []):
             parts, problem = _split(name or "")
             face = i + 1 if faces is None else int(faces[i])
             found.append(TileRow(i + 1 if ids is None else int(ids[i]), name or "", parts, face, problem))
@@ -174,7 +169,7 @@ class CoverageData:
     @cached_property
     def _relations(self) -> tuple[tuple[Relation, ...], str]:
         table = self.folder.table("fcs")
-        if table is None or table.head is None:
+        if table is None or not is_sound(table):
             return (), ""
         try:
             return read_relations(table.path), ""
@@ -196,7 +191,7 @@ class CoverageData:
         """Name, type and description of the classes of ``fca``."""
         table = self.folder.table("fca")
         try:
-            return {} if table is None or table.head is None else read_kinds(table.path)
+            return {} if table is None or not is_sound(table) else read_kinds(table.path)
         except VpfFormatError:
             return {}
 
@@ -248,10 +243,16 @@ class CoverageData:
 
 def names_of(table: TableData | None, column: str) -> list[str]:
     """Names in a column, in lower case without blanks; none if the table is broken or too long."""
-    values = None if table is None or table.n_row > MOST_LISTED else table.column(column)
-    if values is None or (getattr(values, "dtype", None) is not None and values.dtype.kind != "S"):
-        return []
-    return [(name or "").strip().lower() for name in texts(values)]
+    values = None if table is None or table.n_row > MOST_LISTED else text_values(table.rows, column)
+    return [(name or "").strip().lower() for name in values or []]
+
+
+def is_sound(table: TableData) -> bool:
+    """Whether a table has the columns of its kind, in their types."""
+    if table.head is None:
+        return False
+    wanted = wanted_columns(table.kind, table.name, 0)
+    return not missing_columns(table.head.layout, wanted) and not wrong_types(table.head.layout, wanted)
 
 
 def _split(name: str) -> tuple[tuple[str, ...], str]:

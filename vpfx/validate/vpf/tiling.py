@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from vpfx.model import Extent
 from vpfx.validate.report import ERROR, WARNING, Defects, Rule, one
+from vpfx.validate.vpf.folders import rectangles
 from vpfx.validate.vpf.parts import LibraryData
 from vpfx.validate.vpf.tile import TileData
 
@@ -26,12 +27,8 @@ class LibraryTiles:
     def boxes(self) -> NDArray[np.float64] | None:
         """Rectangles of ``tileref/fbr``, float64 (n_face, 4); None if they cannot be read."""
         tileref = self.library.tileref
-        table = None if tileref is None else tileref.folder.table("fbr")
-        rows = None if table is None else table.rows
-        names = ("xmin", "ymin", "xmax", "ymax")
-        if rows is None or any(name not in rows or rows[name].dtype.kind != "f" for name in names):
-            return None
-        return np.stack([rows[name].astype(np.float64) for name in names], axis=1)
+        boxes = None if tileref is None else rectangles(tileref.folder.table("fbr"))
+        return None if boxes is None else boxes.astype(np.float64)
 
     def box(self, tile_id: int) -> NDArray[np.float64] | None:
         """Rectangle of a tile; None if it has none."""
