@@ -122,6 +122,37 @@ def run(
     return journal.findings(), sorted(journal.left_out.items())
 
 
+class _Keys:
+    """Where a rule was broken: keys of stages, and all folders above them, so that no question goes through all keys."""
+
+    def __init__(self) -> None:
+        self._keys: set[str] = set()
+        self._above: set[str] = set()
+
+    @property
+    def are_all(self) -> bool:
+        """Whether it was broken in the whole."""
+        return "" in self._keys
+
+    def add(self, keys: Iterable[str]) -> None:
+        """Note some keys."""
+        for key in keys:
+            self._keys.add(key)
+            self._above.update(_folders_above(key))
+
+    def bear_upon(self, keys: Iterable[str]) -> bool:
+        """Tell whether one of them is one of some others, or a folder above or below one."""
+        return any(
+            key in self._above or key in self._keys or not self._keys.isdisjoint(_folders_above(key)) for key in keys
+        )
+
+
+def _folders_above(key: str) -> list[str]:
+    """Folders above a key, from the nearest to the whole; none of the whole itself."""
+    parts = key.split("/") if key else []
+    return ["/".join(parts[:n]) for n in range(len(parts) - 1, -1, -1)]
+
+
 class _Journal:
     """What was found so far, and where."""
 
@@ -129,17 +160,17 @@ class _Journal:
         self._rules, self._refusal = {refusal.name: refusal, **rules}, refusal
         self._shown: dict[str, list[Finding]] = {name: [] for name in self._rules}
         self._count = dict.fromkeys(self._rules, 0)
-        self._broken: dict[str, set[str]] = {name: set() for name in self._rules}
+        self._broken: dict[str, _Keys] = {name: _Keys() for name in self._rules}
         self.left_out: dict[str, str] = {}
 
     def follow(self, rule: Rule, stage: Stage) -> None:
         """Follow one rule at one stage, or say why not."""
-        missing = [name for name in rule.needs if self._bears_upon(name, stage)]
+        missing = [name for name in rule.needs if self._broken[name].bear_upon(stage.keys)]
         if missing:
             codes = ", ".join(self._rules[name].code for name in missing)
             self.left_out.setdefault(rule.code, f"needs {codes}")
             is_everywhere = any(self.is_hopeless(self._rules[name]) for name in missing)
-            self._broken[rule.name].update([""] if is_everywhere else stage.keys)
+            self._broken[rule.name].add([""] if is_everywhere else stage.keys)
             return
         try:
             for defects in rule.check(stage.context):
@@ -151,22 +182,11 @@ class _Journal:
                 raise StoreError(f"cannot be read: {error}; somebody is writing, try again") from error
             reason = one("", f"found what cannot be read while {rule.code} was checked: {error}")
             self._take(self._refusal, reason, stage)
-            self._broken[rule.name].update(stage.keys)
+            self._broken[rule.name].add(stage.keys)
 
     def is_hopeless(self, rule: Rule) -> bool:
         """Tell whether a rule of a part was broken, or cannot be followed, in the whole."""
-        return "" in self._broken[rule.name]
-
-    def _bears_upon(self, name: str, stage: Stage) -> bool:
-        """Tell whether a rule was broken, or not followed, at a place that a stage is about."""
-        return any(
-            one == other
-            or f"{one}/".startswith(f"{other}/")
-            or f"{other}/".startswith(f"{one}/")
-            or not (one and other)
-            for one in self._broken[name]
-            for other in stage.keys
-        )
+        return self._broken[rule.name].are_all
 
     def _take(self, rule: Rule, defects: Defects, stage: Stage) -> None:
         """Note defects; those beyond the limit are only counted."""
@@ -175,7 +195,7 @@ class _Journal:
             where, message = defects.describe(i)
             shown.append(Finding(rule.code, rule.severity, where, message, rule.requirement))
         self._count[rule.name] += defects.n_defect
-        self._broken[rule.name].update(stage.keys)
+        self._broken[rule.name].add(stage.keys)
 
     def findings(self) -> list[Finding]:
         """All that was found, in the order of codes."""
