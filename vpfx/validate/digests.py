@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from vpfx.store.digest import Digest
 from vpfx.store.records import NULL_INT
-from vpfx.validate.level_data import LevelData
+from vpfx.validate.level_data import LevelData, rows_between
 from vpfx.validate.report import ERROR, Defects, Rule, one
 
 __all__ = ["RULES"]
@@ -30,26 +30,19 @@ def _columns(rows: dict[str, NDArray[Any]], names: tuple[str, ...], part: Any) -
     return [np.where(values == -1, NULL_INT, values) if values.dtype == np.int64 else values for values in found]
 
 
-def _between(ids: NDArray[np.int64], limits: NDArray[np.int64]) -> slice:
-    """Rows whose ids lie in a range."""
-    low, high = limits.tolist()
-    return slice(*np.searchsorted(ids, [low, min(high, 2**63 - 2) + 1]).tolist()) if low <= high else slice(0, 0)
-
-
 def check_digests(level: LevelData) -> Iterator[Defects]:
     """The digest of a tile and level is that of its rows."""
     data, links = level.data, level.links
-    shared = [np.array(column) for column in zip(*level.shared_areas, strict=True)]
-    junctions = [np.array(column) for column in zip(*level.t_junctions, strict=True)]
+    junctions, shared = level.t_junctions, level.shared_areas
     for tile, (of_node, of_edge, of_face) in enumerate(data.ranges[:, level.level]):
-        digest, rows = Digest(), _between(data.nodes["node_id"], of_node)
+        digest, rows = Digest(), rows_between(data.nodes["node_id"], *of_node)
         digest.add([*_columns(data.nodes, NODE, rows), data.blobs[rows]])
-        digest.add(_columns(level.edges, EDGE, _between(level.edges["edge_id"], of_edge)))
-        digest.add(_columns(level.faces, FACE, _between(level.faces["face_id"], of_face)))
-        digest.add(list(np.ascontiguousarray(links[_between(links[:, 0], of_face)].T)))
-        for columns, limits in ((junctions, of_edge), (shared, of_face)):
-            if columns:
-                digest.add([column[_between(columns[0], limits)] for column in columns])
+        digest.add(_columns(level.edges, EDGE, rows_between(level.edges["edge_id"], *of_edge)))
+        digest.add(_columns(level.faces, FACE, rows_between(level.faces["face_id"], *of_face)))
+        digest.add(list(np.ascontiguousarray(links[rows_between(links[:, 0], *of_face)].T)))
+        for columns, key, limits in ((junctions, "edge_id", of_edge), (shared, "child_face", of_face)):
+            rows = rows_between(columns[key], *limits)
+            digest.add([column[rows] for column in columns.values()])
         row = data.tile_levels[tile * len(data.lines) + level.level]
         if digest.value() != row[-1]:
             message = f"found {row[-1].hex()}, the rows have {digest.value().hex()}"
@@ -62,7 +55,7 @@ def check_border_digest(level: LevelData) -> Iterator[Defects]:
     if level.line.first_border_edge is not None:
         nodes = np.flatnonzero(level.is_new & (data.nodes["node_id"] <= data.tiling.n_border_node_id))
         digest.add([*_columns(data.nodes, NODE, nodes), data.blobs[nodes]])
-        rows = _between(level.edges["edge_id"], np.array([level.line.first_border_edge, level.line.last_border_edge]))
+        rows = rows_between(level.edges["edge_id"], level.line.first_border_edge, level.line.last_border_edge)
         digest.add(_columns(level.edges, EDGE, rows))
     if digest.value() != level.line.border_digest:
         message = f"found {level.line.border_digest.hex()}, the rows have {digest.value().hex()}"

@@ -149,31 +149,38 @@ def check_areas(step: StepData) -> Iterator[Defects]:
     )
 
 
+def _only_in(pairs: NDArray[np.int64], others: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Pairs, int64 (n, 2), that are not among some others."""
+    wanted, known = (np.ascontiguousarray(array).view("i8,i8").ravel() for array in (pairs, others))
+    return pairs[~np.isin(wanted, known)]
+
+
 def check_shared_pairs(level: LevelData) -> Iterator[Defects]:
     """Links of levels that are not nested have an area each, those of nested ones have none."""
-    links = [] if level.data.is_nested else [tuple(link) for link in level.links.tolist()]
-    rows = [row[:2] for row in level.shared_areas]
-    if rows == links:
+    links = level.links[:0] if level.data.is_nested else level.links
+    rows = np.stack([level.shared_areas[name] for name in ("child_face", "parent_face")], axis=1)
+    if np.array_equal(rows, links):
         return
-    for pair in sorted(set(links) - set(rows)):
-        yield one(
-            f"level={level.level} face={pair[0]}", f"found no area shared with its parent {pair[1]}, expected one"
-        )
     expected = "none where levels are nested" if level.data.is_nested else "only areas of links"
-    for pair in sorted(set(rows) - set(links)):
-        yield one(
-            f"level={level.level} face={pair[0]}", f"found an area shared with face {pair[1]}, expected {expected}"
-        )
+    for pairs, others, message in (
+        (links, rows, "found no area shared with face {}, expected one: it is a parent"),
+        (rows, links, f"found an area shared with face {{}}, expected {expected}"),
+    ):
+        only = _only_in(pairs, others)
+
+        def text(i: int, only: Any = only, message: str = message) -> tuple[str, str]:
+            return f"level={level.level} face={only[i, 0]}", message.format(only[i, 1])
+
+        yield from some(np.arange(len(only)), text)
 
 
 def check_shares(step: StepData) -> Iterator[Defects]:
     """The areas that a face shares with those of the next level, or of the one before, add up to its own."""
     if step.data.is_nested:
         return
-    shared = np.array([row[2] for row in step.fine.shared_areas])
     for i, level in enumerate((step.coarse, step.fine)):
         area, perimeter, off = _areas(level)
-        total = np.bincount(step.pairs[:, i], shared, len(area))
+        total = np.bincount(step.pairs[:, i], step.fine.shared_areas["area"], len(area))
         allowed = SHARED_PART * area + 2 * AREA_SLACKS * perimeter * step.data.place_slack + off
 
         def text(face: int, level: LevelData = level, total: Any = total, area: Any = area) -> tuple[str, str]:

@@ -15,7 +15,7 @@ from vpfx.validate.outside import Outside, Slits, find_outside, find_slits, stra
 from vpfx.validate.store_data import RANGED, StoreData
 from vpfx.validate.values import Line
 
-__all__ = ["LevelData", "StepData", "border_of", "find_ids"]
+__all__ = ["LevelData", "StepData", "border_of", "find_ids", "rows_between"]
 
 SPARSE = 8
 """Numbers between the first and last id for each id, up to which a table of all of them is made."""
@@ -47,6 +47,17 @@ def find_ids(ids: Ids, wanted: NDArray[np.int64]) -> Indices:
         at = np.minimum(np.searchsorted(ids, flat), len(ids) - 1)
         index = np.where(ids[at] == flat, at, -1).astype(np.int32)
     return index.reshape(wanted.shape)
+
+
+def rows_between(ids: Ids, low: int, high: int) -> slice:
+    """Rows whose ids, which are ascending, lie in a range; both its ends are in it.
+
+    Examples
+    --------
+    >>> rows_between(np.array([3, 5, 2**63 - 1]), 4, 2**63 - 1)
+    slice(1, 3, None)
+    """
+    return slice(int(np.searchsorted(ids, low)), int(np.searchsorted(ids, high, side="right")))
 
 
 def border_of(tiling: Tiling, axis: int, line: Ids, along: NDArray[np.float64]) -> tuple[Ids, Ids]:
@@ -114,22 +125,20 @@ class LevelData:
         return self.data.reader.links("child_face", self.runs("face"))
 
     @cached_property
-    def t_junctions(self) -> list[tuple[Any, ...]]:
-        """Rows of `t_junction`: edge_id, node_id, tile_id, level, gap."""
-        query = (
-            "SELECT edge_id, node_id, tile_id, level, gap FROM t_junction WHERE edge_id BETWEEN ? AND ? "
-            "ORDER BY edge_id, node_id"
-        )
-        return [row for run in self.runs("edge") for row in self.data.select(query, run)]
+    def t_junctions(self) -> dict[str, NDArray[Any]]:
+        """Rows of `t_junction` of edges of this level as columns, by edge, then node."""
+        return self.data.pair_columns("t_junction", self.runs("edge"))
 
     @cached_property
-    def shared_areas(self) -> list[tuple[Any, ...]]:
-        """Rows of `shared_area` of faces of this level: child_face, parent_face, area."""
-        query = (
-            "SELECT child_face, parent_face, area FROM shared_area WHERE child_face BETWEEN ? AND ? "
-            "ORDER BY child_face, parent_face"
-        )
-        return [row for run in self.runs("face") for row in self.data.select(query, run)]
+    def junctions(self) -> tuple[Indices, Indices]:
+        """Edge of the level and node of the store that each T-junction names, as indices; -1 if there is no such one."""
+        edge = find_ids(self.edges["edge_id"], self.t_junctions["edge_id"])
+        return edge, find_ids(self.data.nodes["node_id"], self.t_junctions["node_id"])
+
+    @cached_property
+    def shared_areas(self) -> dict[str, NDArray[Any]]:
+        """Rows of `shared_area` of faces of this level as columns, by child, then parent."""
+        return self.data.pair_columns("shared_area", self.runs("face"))
 
     @cached_property
     def face_nodes(self) -> Indices:
@@ -189,10 +198,9 @@ class LevelData:
     @cached_property
     def straight_places(self) -> NDArray[np.float64]:
         """Places of nodes in post spacings, (n_node, 2); in single precision those told inside edges are on them again."""
-        if not self.data.is_single or not self.t_junctions:
+        edge, node = self.junctions
+        if not self.data.is_single or not len(edge):
             return self.data.places
-        rows = np.array([row[:2] for row in self.t_junctions], np.int64)
-        edge, node = find_ids(self.edges["edge_id"], rows[:, 0]), find_ids(self.data.nodes["node_id"], rows[:, 1])
         spacing = np.array([self.data.metadata["lattice"][name] for name in ("dx", "dy")])
         xy = straighten(self.data.places * spacing, self.edge_nodes[edge], node, 2 * self.data.place_slack)
         return xy / spacing

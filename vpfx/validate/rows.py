@@ -9,10 +9,9 @@ from typing import Any
 import numpy as np
 
 from vpfx.errors import StoreFormatError
-from vpfx.validate.level_data import LevelData, StepData, find_ids
+from vpfx.validate.level_data import LevelData, StepData, rows_between
 from vpfx.validate.report import ERROR, MOST_SHOWN, Defects, Rule, one, some
 from vpfx.validate.store_data import RANGED, StoreData
-from vpfx.validate.values import is_number, is_whole
 
 __all__ = ["RULES"]
 
@@ -83,11 +82,15 @@ def check_row_values(level: LevelData) -> Iterator[Defects]:
             return level.place(table, i), f"found {values}, of which one is not in its range (-1 is NULL)"
 
         yield from some(np.flatnonzero(~is_good), text)
-    try:
-        _ = level.links
-    except StoreFormatError as error:
-        yield from _strange_values(level.data, "parent_child", (), str(error))
-    yield from _check_few(level)
+    for table, judge in (
+        ("parent_child", _judge_links),
+        ("t_junction", _judge_junctions),
+        ("shared_area", _judge_areas),
+    ):
+        try:
+            yield from judge(level)
+        except StoreFormatError as error:
+            yield from _strange_values(level.data, table, (), str(error))
 
 
 def _limits(level: LevelData, name: str) -> tuple[int, int]:
@@ -102,18 +105,40 @@ def _limits(level: LevelData, name: str) -> tuple[int, int]:
     return known.get(name, (1, 2**63 - 1))
 
 
-def _check_few(level: LevelData) -> Iterator[Defects]:
-    """Rows that SQLite gives one by one."""
-    for edge_id, node_id, tile_id, number, gap in level.t_junctions:
-        is_good = is_whole(edge_id, 1) and is_whole(node_id, 1) and is_whole(tile_id, 1) and number == level.level
-        if not (is_good and is_number(gap) and isinstance(gap, float)):
-            where = f"level={level.level} edge={edge_id} node={node_id}"
-            yield one(where, "found a T-junction of which a value is of another kind or level")
-    for child, parent, area in level.shared_areas:
-        if not (
-            is_whole(child, 1) and is_whole(parent, 1) and isinstance(area, float) and is_number(area) and area > 0
-        ):
-            yield one(f"level={level.level} face={child}", f"found {area!r} shared with {parent!r}, expected an area")
+def _judge_links(level: LevelData) -> Iterator[Defects]:
+    """Ids of linked faces are positive."""
+    links = level.links
+    wrong = np.flatnonzero((links < 1).any(axis=1))
+    yield from some(
+        wrong, lambda i: (f"level={level.level} face={links[i, 0]}", f"found the parent {links[i, 1]}, expected an id")
+    )
+
+
+def _judge_junctions(level: LevelData) -> Iterator[Defects]:
+    """T-junctions have positive ids, the level of their edge, and a finite gap."""
+    rows = level.t_junctions
+    is_good = (
+        (rows["node_id"] >= 1) & (rows["tile_id"] >= 1) & (rows["level"] == level.level) & np.isfinite(rows["gap"])
+    )
+
+    def text(i: int) -> tuple[str, str]:
+        where = f"level={level.level} edge={rows['edge_id'][i]} node={rows['node_id'][i]}"
+        return where, "found a T-junction of which a value is not in its range, or of another level"
+
+    yield from some(np.flatnonzero(~is_good), text)
+
+
+def _judge_areas(level: LevelData) -> Iterator[Defects]:
+    """Shared areas are above 0 and finite, and of faces."""
+    rows = level.shared_areas
+    area, parent = rows["area"], rows["parent_face"]
+    is_good = (parent >= 1) & (area > 0) & np.isfinite(area)
+
+    def text(i: int) -> tuple[str, str]:
+        where = f"level={level.level} face={rows['child_face'][i]}"
+        return where, f"found {area[i]} shared with {parent[i]}, expected an area"
+
+    yield from some(np.flatnonzero(~is_good), text)
 
 
 def check_stray_rows(data: StoreData) -> Iterator[Defects]:
@@ -154,25 +179,21 @@ def check_node_ranges(data: StoreData) -> Iterator[Defects]:
     """Nodes in the range of a tile and level are of both, and as many as the range has ids."""
     nodes = data.nodes
     for tile, level in np.ndindex(data.ranges.shape[:2]):
-        low, high = data.ranges[tile, level, 0].tolist()
-        rows = slice(*np.searchsorted(nodes["node_id"], [low, high + 1])) if low <= high else slice(0, 0)
-        yield from _check_range(nodes, "node", rows, tile, level, high + 1 - low if low <= high else 0)
+        yield from _check_range(nodes, "node", data.ranges[tile, level, 0], tile, level)
 
 
 def check_row_ranges(level: LevelData) -> Iterator[Defects]:
     """Edges and faces in the range of a tile and level are of both, and as many as the range has ids."""
     for i, table in ((1, "edge"), (2, "face")):
         rows = level.edges if table == "edge" else level.faces
-        ids = rows[f"{table}_id"]
-        for tile, (low, high) in enumerate(level.data.ranges[:, level.level, i].tolist()):
-            if low <= high:
-                part = slice(*np.searchsorted(ids, [low, high]).tolist())
-                part = slice(part.start, part.stop + int(part.stop < len(ids) and ids[part.stop] == high))
-                yield from _check_range(rows, table, part, tile, level.level, high + 1 - low)
+        for tile, limits in enumerate(level.data.ranges[:, level.level, i]):
+            yield from _check_range(rows, table, limits, tile, level.level)
 
 
-def _check_range(rows: Any, table: str, part: slice, tile: int, level: int, expected: int) -> Iterator[Defects]:
-    """Rows of one range."""
+def _check_range(rows: Any, table: str, limits: Any, tile: int, level: int) -> Iterator[Defects]:
+    """Rows of one range of ids."""
+    low, high = limits.tolist()
+    part, expected = rows_between(rows[f"{table}_id"], low, high), high + 1 - low
     where = f"level={level} tile={tile + 1}"
     if part.stop - part.start != expected:
         yield one(where, f"{table}: found {part.stop - part.start} rows, expected {expected}, as many as the range has")
@@ -261,19 +282,17 @@ def check_link_references(step: StepData) -> Iterator[Defects]:
 
 def check_junction_references(level: LevelData) -> Iterator[Defects]:
     """A T-junction names an edge and a node of its level, and its tile."""
-    rows = level.t_junctions
-    if not rows:
-        return
-    edge, node, tile, _ = np.array([row[:4] for row in rows], np.int64).T
-    at_edge = find_ids(level.edges["edge_id"], edge)
-    at_node = find_ids(level.data.nodes["node_id"], node)
-    is_wrong = (at_edge < 0) | (at_node < 0)
-    is_wrong |= (level.edges["tile_id"][at_edge] != tile) | (level.data.nodes["level"][at_node] > level.level)
-    yield from some(
-        np.flatnonzero(is_wrong),
-        lambda i: (f"level={level.level} tile={tile[i]} edge={edge[i]} node={node[i]}",
-                   "found no such edge or node on this level, or another tile"),
-    )  # fmt: skip
+    rows, (edge, node) = level.t_junctions, level.junctions
+    tile_of_edge = np.append(level.edges["tile_id"], 0)  # where there is no such edge
+    level_of_node = np.append(level.data.nodes["level"], len(level.data.lines))
+    is_wrong = (tile_of_edge[edge] != rows["tile_id"]) | (level_of_node[node] > level.level)
+
+    def text(i: int) -> tuple[str, str]:
+        tile_id, edge_id, node_id = (rows[name][i] for name in ("tile_id", "edge_id", "node_id"))
+        where = f"level={level.level} tile={tile_id} edge={edge_id} node={node_id}"
+        return where, "found no such edge or node on this level, or another tile"
+
+    yield from some(np.flatnonzero(is_wrong), text)
 
 
 READY = ("range_order", "node_values", "row_values", "node_range", "row_range")

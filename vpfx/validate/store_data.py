@@ -45,6 +45,11 @@ SOME_ROWS = 1 << 16  # read at a time
 ALL_IDS = (1, 2**63 - 1)
 RANGED = ("node", "edge", "face")
 """Tables whose rows lie in ranges of ids, tile by tile and level by level."""
+KEYED_BY_PAIRS = {
+    "t_junction": ("edge_id", "node_id", "tile_id", "level", "gap"),
+    "shared_area": ("child_face", "parent_face", "area"),
+}
+"""Columns of tables whose first two are the key; the last is a real number, the others are whole ones."""
 Rows = list[tuple[Any, ...]]
 
 
@@ -356,8 +361,32 @@ class StoreData:
         found = self.reader.rows(table, runs)
         for name, values in found.items():
             if values.dtype not in (np.int64, np.float64):
-                raise StoreFormatError(str(self.path), f"table {table}", f"found {name} of another kind", "R-102")
+                raise self._strange(table, name)
         return found
+
+    def _strange(self, table: str, column: str) -> StoreFormatError:
+        return StoreFormatError(str(self.path), f"table {table}", f"found {column} of another kind", "R-102")
+
+    def pair_columns(self, table: str, runs: list[tuple[int, int]]) -> dict[str, NDArray[Any]]:
+        """Rows of a table of `KEYED_BY_PAIRS` whose first numbers lie in ascending runs, as columns, by its key.
+
+        Raises
+        ------
+        StoreFormatError
+            A value is of another kind.
+        """
+        names = KEYED_BY_PAIRS[table]
+        first, second, *_, real = names
+        query = f"SELECT {', '.join(names)} FROM {table} WHERE {first} BETWEEN ? AND ? ORDER BY {first}, {second}"
+        parts = {name: [np.empty(0, np.float64 if name == real else np.int64)] for name in names}
+        for run in runs:
+            cursor = self._open().execute(query, run)
+            while rows := cursor.fetchmany(SOME_ROWS):
+                for (name, found), values in zip(parts.items(), zip(*rows, strict=True), strict=True):
+                    if set(map(type, values)) != {float if name == real else int}:
+                        raise self._strange(table, name)
+                    found.append(np.array(values, found[0].dtype))
+        return {name: np.concatenate(found) for name, found in parts.items()}
 
     @cached_property
     def is_nested(self) -> bool:

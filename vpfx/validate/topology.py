@@ -8,7 +8,7 @@ import numpy as np
 
 from vpfx.methods import METHODS
 from vpfx.validate.kernels import expected_links, judge_sides
-from vpfx.validate.level_data import LevelData, find_ids
+from vpfx.validate.level_data import LevelData
 from vpfx.validate.report import ERROR, Defects, Rule, one, some
 
 __all__ = ["RULES"]
@@ -138,9 +138,7 @@ def check_unused_nodes(level: LevelData) -> Iterator[Defects]:
 
 def check_junctions(level: LevelData) -> Iterator[Defects]:
     """The T-junctions told are those that are there."""
-    n_node = len(level.data.xyz)
-    rows = np.array([row[:2] for row in level.t_junctions], np.int64).reshape(-1, 2)
-    edge, node = find_ids(level.edges["edge_id"], rows[:, 0]), find_ids(level.data.nodes["node_id"], rows[:, 1])
+    n_node, (edge, node) = len(level.data.xyz), level.junctions
     inside = level.slits.node >= 0
     found = np.unique(level.slits.long[inside] * n_node + level.slits.node[inside])
     told = edge.astype(np.int64) * n_node + node
@@ -159,11 +157,7 @@ def check_junctions(level: LevelData) -> Iterator[Defects]:
 
 def check_gaps(level: LevelData) -> Iterator[Defects]:
     """The gap of a T-junction is the height of its node less that of its edge there."""
-    if not level.t_junctions:
-        return
-    rows = np.array([row[:2] for row in level.t_junctions], np.int64)
-    told = np.array([row[4] for row in level.t_junctions])
-    edge, node = find_ids(level.edges["edge_id"], rows[:, 0]), find_ids(level.data.nodes["node_id"], rows[:, 1])
+    told, (edge, node) = level.t_junctions["gap"], level.junctions
     start, end, xyz = (level.data.xyz[i] for i in (*level.edge_nodes[edge].T, node))
     way, to_node = end - start, xyz - start
     along = (way[:, :2] * to_node[:, :2]).sum(axis=1) / (way[:, :2] ** 2).sum(axis=1)
@@ -175,15 +169,18 @@ def check_gaps(level: LevelData) -> Iterator[Defects]:
         slack = slack + 4 * level.data.place_slack * steepness
     yield from some(
         np.flatnonzero(~(np.abs(gap - told) <= slack)),
-        lambda i: (f"{level.place('edge', edge[i])} node={rows[i, 1]}", f"found a gap of {told[i]}, measured {gap[i]}"),
+        lambda i: (
+            f"{level.place('edge', edge[i])} node={level.t_junctions['node_id'][i]}",
+            f"found a gap of {told[i]}, measured {gap[i]}",
+        ),
     )
 
 
 def check_adjacent(level: LevelData) -> Iterator[Defects]:
     """Methods that keep faces adjacent leave no T-junction."""
-    method = METHODS.get(level.data.metadata["method"])
-    if method is not None and method.adjacent and level.t_junctions:
-        message = f"found {len(level.t_junctions)} T-junctions, expected none of method {method.name}"
+    method, n_junction = METHODS.get(level.data.metadata["method"]), len(level.t_junctions["gap"])
+    if method is not None and method.adjacent and n_junction:
+        message = f"found {n_junction} T-junctions, expected none of method {method.name}"
         yield one(f"level={level.level}", message)
 
 
