@@ -436,3 +436,42 @@ def test_a_strangers_tables_are_not_asked(plane, tmp_path):
         "UPDATE sqlite_schema SET sql = replace(sql, 'length(b)', 'hex(zeroblob(400000000))') WHERE name = 'own_b'",
     ])  # fmt: skip
     assert validate(path).findings == ()
+
+
+COMPUTING = {
+    "an expression": "CREATE INDEX own ON node (hex(zeroblob(400000000)))",
+    "a condition": "CREATE INDEX own ON node (x) WHERE length(hex(zeroblob(400000000))) < 9",
+}
+
+
+@pytest.mark.parametrize("name", COMPUTING)
+def test_an_index_that_computes_is_told_and_not_run(name, plane, tmp_path):
+    """On a table of the format it would be run by PRAGMA integrity_check, for each node."""
+    path, harmless = tmp_path / "a.gpkg", COMPUTING[name].replace("400000000", "4")
+    statements = [
+        "PRAGMA writable_schema = ON",
+        f"UPDATE sqlite_schema SET sql = '{COMPUTING[name]}' WHERE name = 'own'",
+    ]
+    assert spoil(path, plane, [harmless, *statements])
+    (found,) = validate(path).findings
+    assert (found.code, found.where) == ("V105", "index=own")
+
+
+def test_an_index_of_columns_may_be_added(plane, tmp_path):
+    path = tmp_path / "a.gpkg"
+    assert spoil(path, plane, ["CREATE INDEX own ON node (z)"])
+    assert validate(path) == (path, (), ())
+
+
+def test_damage_is_told_line_by_line(plane, tmp_path):
+    """SQLite tells of all broken pages of a tree in one text of many lines."""
+    path = tmp_path / "a.gpkg"
+    with closing(sqlite3.connect(plane)) as connection:
+        (page,) = connection.execute("SELECT rootpage FROM sqlite_schema WHERE name = 'node'").fetchone()
+    data = bytearray(plane.read_bytes())
+    data[(page - 1) * 4096 + 8 : (page - 1) * 4096 + 20] = b"\xff" * 12  # where its first cells lie
+    path.write_bytes(data)
+    report = validate(path)
+    assert {found.code for found in report.findings} == {"V104"}
+    assert len(report.findings) > 1
+    assert all("\n" not in found.message for found in report.findings)

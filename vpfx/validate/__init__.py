@@ -23,7 +23,6 @@ from vpfx.validate import (
     tables,
     tiles,
     topology,
-    unreadable,
     vpf,
 )
 from vpfx.validate.level_data import LevelData, StepData
@@ -37,7 +36,7 @@ __all__ = ["RULES", "STORE_RULES", "VPF_RULES", "Finding", "Report", "Rule", "va
 
 STORE_RULES: Mapping[str, Rule] = table(
     *container.RULES, *geopackage.RULES, *digests.RULES, *tables.RULES, *rows.RULES, *topology.RULES, *surface.RULES,
-    *hierarchy.RULES, *ground.RULES, *tiles.RULES, *attributes.RULES, *unreadable.RULES,
+    *hierarchy.RULES, *ground.RULES, *tiles.RULES, *attributes.RULES,
 )  # fmt: skip
 """Rules about stores, by name."""
 VPF_RULES: Mapping[str, Rule] = vpf.RULES

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import sqlite3
 from collections.abc import Iterator
-from contextlib import closing
 from typing import Any
 
 from vpfx.store.ddl import layer_names, layers_sql
@@ -19,6 +17,7 @@ from vpfx.store.geopackage import (
 )
 from vpfx.validate.report import ERROR, WARNING, Defects, Rule, one
 from vpfx.validate.store_data import StoreData
+from vpfx.validate.values import objects_made_by
 
 __all__ = ["RULES"]
 
@@ -95,16 +94,12 @@ def _compare(table: str, rows: dict[Any, tuple[Any, ...]], expected: dict[str, t
 
 def check_layers(data: StoreData) -> Iterator[Defects]:
     """The views that show the levels are those of the format, letter by letter."""
-    srs_id = data.srs[0]
-    for line in data.lines:
-        with closing(sqlite3.connect(":memory:")) as model:
-            model.executescript(layers_sql(line.level, srs_id))
-            views = model.execute("SELECT name, sql FROM sqlite_schema").fetchall()
-        for name, sql in views:
-            found = data.objects.get(name)
-            if found is None or (found.kind, found.sql) != ("view", sql):
-                told = "none" if found is None else f"another {found.kind}"
-                yield one(f"view={name}", f"found {told}, expected that of schema/layers.sql")
+    model = objects_made_by("".join(layers_sql(line.level, data.srs[0]) for line in data.lines))
+    for name, expected in model.items():
+        found = data.objects.get(name)
+        if found != expected:
+            told = "none" if found is None else f"another {found.kind}"
+            yield one(f"view={name}", f"found {told}, expected that of schema/layers.sql")
 
 
 def check_face_layer(data: StoreData) -> Iterator[Defects]:

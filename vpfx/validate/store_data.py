@@ -29,7 +29,7 @@ from vpfx.store.ddl import schema_sql
 from vpfx.store.geopackage import find_srs
 from vpfx.store.tiles import Tiling
 from vpfx.validate.class_data import ClassData, read_class_data
-from vpfx.validate.values import Line, Object
+from vpfx.validate.values import OBJECTS, Line, Object, objects_made_by
 
 __all__ = ["ALL_IDS", "HEADER", "RANGED", "StoreData", "open_store_data"]
 
@@ -153,42 +153,12 @@ class StoreData:
     @cached_property
     def objects(self) -> dict[str, Object]:
         """Tables, views, indexes and triggers by name."""
-        query = "SELECT name, type, tbl_name, sql FROM sqlite_schema"
-        return {row[0]: Object(*row[1:]) for row in self.select(query)}
+        return {row[0]: Object(*row[1:]) for row in self.select(OBJECTS)}
 
     @cached_property
     def expected_objects(self) -> dict[str, Object]:
         """Those of the schema of the format (R-101)."""
-        model = sqlite3.connect(":memory:")
-        try:
-            model.executescript("".join(map(schema_sql, ("vpfx.sql", "gpkg.sql", "views.sql"))))
-            rows = model.execute("SELECT name, type, tbl_name, sql FROM sqlite_schema").fetchall()
-        finally:
-            model.close()
-        return {row[0]: Object(*row[1:]) for row in rows}
-
-    @cached_property
-    def known_tables(self) -> list[str]:
-        """Tables whose SQL is that of the format, so that nothing strange is in it."""
-        return [name for name, found in self.objects.items() if found.kind == "table" and self._is_known(name)]
-
-    @cached_property
-    def has_strange_tables(self) -> bool:
-        """Whether there are tables or indexes that the format does not know."""
-        return any(
-            found.kind in ("table", "index") and not self._is_known(name) for name, found in self.objects.items()
-        )
-
-    def _is_known(self, name: str) -> bool:
-        return self.objects[name] == self.expected_objects.get(name) or name in self._class_tables
-
-    @cached_property
-    def _class_tables(self) -> set[str]:
-        """Names of tables of classes that are as they should be; none if classes cannot be read."""
-        try:
-            return {found.name for found in self.classes if not found.table_problem}
-        except (sqlite3.DatabaseError, UnicodeDecodeError):
-            return set()
+        return objects_made_by("".join(map(schema_sql, ("vpfx.sql", "gpkg.sql", "views.sql"))))
 
     @cached_property
     def classes(self) -> list[ClassData]:

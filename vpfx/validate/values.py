@@ -3,9 +3,14 @@
 from __future__ import annotations
 
 import math
+import sqlite3
+from contextlib import closing
 from typing import Any, NamedTuple
 
-__all__ = ["Line", "Object", "is_number", "is_whole"]
+__all__ = ["OBJECTS", "Line", "Object", "is_number", "is_whole", "objects_made_by"]
+
+OBJECTS = "SELECT name, type, tbl_name, sql FROM sqlite_schema"
+"""Asks SQLite for what makes an `Object`, by name."""
 
 
 class Line(NamedTuple):
@@ -59,3 +64,16 @@ class Object(NamedTuple):
     kind: str
     table: str
     sql: str | None
+
+
+def objects_made_by(sql: str) -> dict[str, Object]:
+    """Return what some SQL makes in an empty database, by name.
+
+    Examples
+    --------
+    >>> objects_made_by("CREATE VIEW one AS SELECT 1")
+    {'one': Object(kind='view', table='one', sql='CREATE VIEW one AS SELECT 1')}
+    """
+    with closing(sqlite3.connect(":memory:")) as model:
+        model.executescript(sql)
+        return {name: Object(*facts) for name, *facts in model.execute(OBJECTS)}
