@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import random
 import re
 import shutil
@@ -12,6 +13,7 @@ from pathlib import Path
 
 import invariants
 import pytest
+from pyproj import CRS
 from rule_fixtures import BASES, FIXTURES, base_of, build_base, damage
 from surfaces import SURFACES, hills, write_dem
 
@@ -70,6 +72,23 @@ def test_warnings_alone_are_no_error(run, plane, tmp_path):
     code, out, _ = run(path)
     assert code == 0
     assert out.splitlines()[-1] == f"{path}: 1 warning"
+
+
+def test_names_in_a_file_steer_no_terminal(run, plane, tmp_path):
+    path = tmp_path / "a.gpkg"
+    trigger = '"a\nb.gpkg: nothing found\x1b[2J"'
+    assert spoil(path, plane, [f"CREATE TRIGGER {trigger} AFTER UPDATE ON node BEGIN DELETE FROM level; END"])
+    lines = run(path)[1].split("\n")
+    assert lines[0].startswith(f"{path}: trigger=a\\nb.gpkg: nothing found\\x1b[2J: warning V106")
+    assert lines[1:] == [f"{path}: 1 warning", ""]
+
+
+def test_a_path_that_is_no_text_is_told_as_sarif(run, plane, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    path = Path(os.fsdecode(b"\xff.gpkg"))
+    shutil.copyfile(plane, path)
+    code, out, _ = run(path, "--format", "sarif", "--only", "V106")
+    assert (code, json.loads(out)["runs"][0]["results"]) == (0, [])
 
 
 def test_json(run, plane, tmp_path):
@@ -144,6 +163,8 @@ REFUSED = {
     "unknown form": (("a.gpkg", "--format", "xml"), 2, r"--format: found 'xml', expected one of: text, json, sarif"),
     "unknown rule": (("a.gpkg", "--only", "V999"), 2, r"rules: found 'V999'"),
     "empty pattern": (("a.gpkg", "--skip", ""), 2, r"rules: found ''"),
+    "rules as SARIF": (("--list-rules", "--format", "sarif"), 2, r"--format: found 'sarif' for a list of rules"),
+    "too long a name": (("a" * 300,), 3, r"cannot be read: File name too long"),
     "no DEM": (("a.gpkg", "--dem", "none.tif"), 3, r"none\.tif"),
     "other DEM": (("a.gpkg", "--dem", "text.tif"), 3, r"text\.tif"),
 }
@@ -475,3 +496,17 @@ def test_damage_is_told_line_by_line(plane, tmp_path):
     assert {found.code for found in report.findings} == {"V104"}
     assert len(report.findings) > 1
     assert all("\n" not in found.message for found in report.findings)
+
+
+SIZELESS = {
+    "ellipsoid": CRS("EPSG:4326").to_wkt().replace("6378137,298.257223563", "1e-300,0"),
+    "geocentric": CRS("EPSG:4978").to_wkt(),
+    "vertical": CRS("EPSG:5773").to_wkt(),
+}
+
+
+@pytest.mark.parametrize("name", SIZELESS)
+def test_a_crs_in_which_nothing_can_be_measured_is_told(name, plane, tmp_path):
+    path = tmp_path / "a.gpkg"
+    assert spoil(path, plane, [f"UPDATE metadata SET value = '{SIZELESS[name]}' WHERE name = 'crs_wkt2'"])
+    assert ("V201", "table=metadata name=crs_wkt2") in [(found.code, found.where) for found in validate(path).findings]

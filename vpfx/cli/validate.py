@@ -39,6 +39,8 @@ def validate(
     if form not in FORMS:
         raise InputError(f"--format: found {form!r}, expected one of: {', '.join(FORMS)}")
     if list_rules:
+        if form == "sarif":
+            raise InputError("--format: found 'sarif' for a list of rules, expected one of: text, json")
         chosen = chosen_rules(validating.RULES, only, skip).values()
         print(rules_json(chosen) if form == "json" else rules_text(chosen))
         return None

@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 
-from vpfx.errors import InputError, NotFoundError
+from vpfx.errors import InputError, NotFoundError, StoreError
 from vpfx.registry import table
 from vpfx.validate import (
     attributes,
@@ -84,13 +84,17 @@ def validate(
     (False, 'V901', 'found a text, expected a store: a database of SQLite')
     """
     path = Path(path)
-    if path.is_dir():
+    try:
+        is_folder, is_file = path.is_dir(), path.is_file()
+    except OSError as error:
+        raise StoreError(f"{path}: cannot be read: {error.strerror}") from error
+    if is_folder:
         if dem:
             raise InputError(
                 f"{path}: found a directory of VPF with elevation files, expected a store: only that is measured"
             )
         return _validate_vpf(path, only, skip)
-    if not path.is_file():
+    if not is_file:
         raise NotFoundError(f"{path}: found no such file, expected a store")
     rules = chosen_rules(STORE_RULES, only, skip)
     with open_store_data(path, dem) as data:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 from collections.abc import Callable, Iterable, Mapping
 from typing import Any
 from urllib.parse import quote
@@ -23,13 +24,18 @@ def to_text(report: Report, rules: Rules) -> str:
     lines = []
     for code, severity, where, message, requirement in report.findings:
         place = f"{report.path}: {where}: " if where else f"{report.path}: "
-        lines.append(f"{place}{severity} {code} {names[code]}: {message} ({requirement})")
+        lines.append(_printable(f"{place}{severity} {code} {names[code]}: {message} ({requirement})"))
     if report.left_out:
         lines.append(f"{report.path}: not checked everywhere: {_left_out(report)}")
     counts = {severity: sum(f.severity == severity for f in report.findings) for _, severity, *_ in report.findings}
     told = ", ".join(f"{count} {severity}{'s' * (count > 1)}" for severity, count in counts.items())
     lines.append(f"{report.path}: {told or 'nothing found'}")
     return "\n".join(lines)
+
+
+def _printable(text: str) -> str:
+    """A line as it is, but for what would end it or steer a terminal: names in the file may hold anything."""
+    return "".join(char if char.isprintable() else ascii(char)[1:-1] for char in text)
 
 
 def _left_out(report: Report) -> str:
@@ -56,7 +62,8 @@ def to_sarif(report: Report, rules: Rules) -> str:
     """Return a report as SARIF 2.1.0, which continuous integration and editors read."""
     ordered = sorted(rules.values(), key=lambda rule: rule.code)
     index = {rule.code: i for i, rule in enumerate(ordered)}
-    artifact = {"uri": report.path.as_uri() if report.path.is_absolute() else quote(report.path.as_posix())}
+    path = report.path
+    artifact = {"uri": path.as_uri() if path.is_absolute() else quote(os.fsencode(path.as_posix()))}
     results = [
         {
             "ruleId": finding.code,

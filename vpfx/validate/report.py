@@ -13,7 +13,19 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NamedTuple, NoReturn
 
-__all__ = ["ERROR", "MOST_SHOWN", "SEVERITIES", "WARNING", "Defects", "Finding", "Report", "Rule", "one", "some"]
+__all__ = [
+    "ERROR",
+    "MOST_SHOWN",
+    "NOTE",
+    "SEVERITIES",
+    "WARNING",
+    "Defects",
+    "Finding",
+    "Report",
+    "Rule",
+    "one",
+    "some",
+]
 
 ERROR, WARNING, NOTE = "error", "warning", "note"
 SEVERITIES = (ERROR, WARNING, NOTE)
