@@ -8,7 +8,7 @@ from itertools import chain
 
 from vpfx.store.contents import FORMAT_VERSION, error_kind
 from vpfx.store.geopackage import APPLICATION_ID
-from vpfx.validate.report import ERROR, MOST_SHOWN, WARNING, Defects, Rule, one
+from vpfx.validate.report import ERROR, WARNING, Defects, Rule, one
 from vpfx.validate.store_data import StoreData
 
 __all__ = ["RULES"]
@@ -151,12 +151,13 @@ def check_integrity(data: StoreData) -> Iterator[Defects]:
         for name, found in data.objects.items()
     )
     for table in [""] if is_all_known else [f"({name})" for name in known]:
+        texts: list[str] = []
         try:
-            texts = [row[0] for row in data.first(f"PRAGMA integrity_check{table}", MOST_SHOWN)]
-        except sqlite3.DatabaseError as error:
+            texts.extend(row[0] for row in data.each(f"PRAGMA integrity_check{table}"))
+        except sqlite3.DatabaseError as error:  # what it has told before stays
             if error_kind(error) != sqlite3.SQLITE_CORRUPT:
                 raise
-            texts = [str(error)]
+            texts.append(str(error))
         for line in chain(*(text.splitlines() for text in texts)):
             if line != "ok" and not line.startswith("***"):  # the name of the database
                 yield one("", f"found: {line}")

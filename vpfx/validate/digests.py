@@ -43,7 +43,7 @@ def check_digests(level: LevelData) -> Iterator[Defects]:
         for columns, key, limits in ((junctions, "edge_id", of_edge), (shared, "child_face", of_face)):
             rows = rows_between(columns[key], *limits)
             digest.add([column[rows] for column in columns.values()])
-        row = data.tile_levels[tile * len(data.lines) + level.level]
+        row = data.tile_levels[tile * len(data.level_rows) + level.level]
         if digest.value() != row[-1]:
             message = f"found {row[-1].hex()}, the rows have {digest.value().hex()}"
             yield one(f"level={level.level} tile={tile + 1}", message)
@@ -52,13 +52,13 @@ def check_digests(level: LevelData) -> Iterator[Defects]:
 def check_border_digest(level: LevelData) -> Iterator[Defects]:
     """The digest of a level's borders is that of the rows whose ids are set aside."""
     data, digest = level.data, Digest()
-    if level.line.first_border_edge is not None:
+    if level.row.first_border_edge is not None:
         nodes = np.flatnonzero(level.is_new & (data.nodes["node_id"] <= data.tiling.n_border_node_id))
         digest.add([*_columns(data.nodes, NODE, nodes), data.blobs[nodes]])
-        rows = rows_between(level.edges["edge_id"], level.line.first_border_edge, level.line.last_border_edge)
+        rows = rows_between(level.edges["edge_id"], level.row.first_border_edge, level.row.last_border_edge)
         digest.add(_columns(level.edges, EDGE, rows))
-    if digest.value() != level.line.border_digest:
-        message = f"found {level.line.border_digest.hex()}, the rows have {digest.value().hex()}"
+    if digest.value() != level.row.border_digest:
+        message = f"found {level.row.border_digest.hex()}, the rows have {digest.value().hex()}"
         yield one(f"level={level.level}", message)
 
 

@@ -50,7 +50,7 @@ def check_systems(data: StoreData) -> Iterator[Defects]:
 
 def _layers(data: StoreData) -> dict[str, str]:
     """Names of all layers, and their types of geometry."""
-    return {name: kind for line in data.lines for name, kind in layer_names(line.level).items()}
+    return {name: kind for row in data.level_rows for name, kind in layer_names(row.level).items()}
 
 
 def check_contents(data: StoreData) -> Iterator[Defects]:
@@ -94,7 +94,7 @@ def _compare(table: str, rows: dict[Any, tuple[Any, ...]], expected: dict[str, t
 
 def check_layers(data: StoreData) -> Iterator[Defects]:
     """The views that show the levels are those of the format, letter by letter."""
-    model = objects_made_by("".join(layers_sql(line.level, data.srs[0]) for line in data.lines))
+    model = objects_made_by("".join(layers_sql(row.level, data.srs[0]) for row in data.level_rows))
     for name, expected in model.items():
         found = data.objects.get(name)
         if found != expected:

@@ -73,13 +73,6 @@ class _Measured:
         self.rmse = float(np.sqrt(np.mean(found * found))) if len(found) else 0.0
 
 
-def _measured(level: LevelData) -> _Measured:
-    """Measures of a level, taken once."""
-    if "measured" not in level.kept:
-        level.kept["measured"] = _Measured(level)
-    return level.kept["measured"]
-
-
 def _differs(told: float, found: float, level: LevelData) -> bool:
     height = float(np.abs(level.data.xyz[:, 2]).max(initial=0.0))
     slack = _surface_slack(level) if level.data.is_single else 0.0
@@ -98,28 +91,28 @@ def _surface_slack(level: LevelData) -> float:
 
 def check_error(level: LevelData) -> Iterator[Defects]:
     """The greatest error is that at the posts."""
-    if level.data.dem and _differs(level.line.max_error, found := _measured(level).max_error, level):
-        yield one(f"level={level.level}", f"max_error: found {level.line.max_error}, measured {found}")
+    if level.data.dem and _differs(level.row.max_error, found := level.once(_Measured).max_error, level):
+        yield one(f"level={level.level}", f"max_error: found {level.row.max_error}, measured {found}")
 
 
 def check_rmse(level: LevelData) -> Iterator[Defects]:
     """The root mean square is that of the errors at the posts."""
-    if level.data.dem and _differs(level.line.rmse, found := _measured(level).rmse, level):
-        yield one(f"level={level.level}", f"rmse: found {level.line.rmse}, measured {found}")
+    if level.data.dem and _differs(level.row.rmse, found := level.once(_Measured).rmse, level):
+        yield one(f"level={level.level}", f"rmse: found {level.row.rmse}, measured {found}")
 
 
 def check_posts(level: LevelData) -> Iterator[Defects]:
     """Faces on ground with data touch as many valid posts as were counted."""
-    if level.data.dem and level.line.post_count != _measured(level).n_post:
-        found = _measured(level).n_post
-        yield one(f"level={level.level}", f"post_count: found {level.line.post_count}, faces touch {found} valid posts")
+    if level.data.dem and level.row.post_count != level.once(_Measured).n_post:
+        found = level.once(_Measured).n_post
+        yield one(f"level={level.level}", f"post_count: found {level.row.post_count}, faces touch {found} valid posts")
 
 
 def check_voids(level: LevelData) -> Iterator[Defects]:
     """No face has a void inside, unless it is filled."""
     if not level.data.dem:
         return
-    void, n_col = _measured(level).void_of, level.data.grid.heights.shape[1]
+    void, n_col = level.once(_Measured).void_of, level.data.grid.heights.shape[1]
 
     def text(i: int) -> tuple[str, str]:
         return level.place("face", i), f"found the void of post ({void[i] // n_col}, {void[i] % n_col}) inside"

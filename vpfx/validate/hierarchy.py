@@ -192,28 +192,26 @@ def check_shares(step: StepData) -> Iterator[Defects]:
 def check_bounds(data: StoreData) -> Iterator[Defects]:
     """Errors are within their bounds, and bounds fall from level to level."""
     before = np.inf
-    for line in data.lines:
-        bound = line.max_error_bound
+    for row in data.level_rows:
+        bound = row.max_error_bound
         if bound is None:
             continue
-        if line.max_error > bound:
-            yield one(f"level={line.level}", f"max_error: found {line.max_error}, above its bound {bound}")
+        if row.max_error > bound:
+            yield one(f"level={row.level}", f"max_error: found {row.max_error}, above its bound {bound}")
         if bound >= before:
             yield one(
-                f"level={line.level}", f"max_error_bound: found {bound}, expected less than {before} of the one before"
+                f"level={row.level}", f"max_error_bound: found {bound}, expected less than {before} of the one before"
             )
         before = bound
 
 
 def check_errors(data: StoreData) -> Iterator[Defects]:
     """The root mean square is not above the greatest error; without posts both are 0."""
-    for line in data.lines:
-        if line.rmse > line.max_error * (1.0 + SAME):
-            yield one(f"level={line.level}", f"rmse: found {line.rmse}, above the greatest error {line.max_error}")
-        if line.post_count == 0 and (line.rmse or line.max_error):
-            yield one(
-                f"level={line.level}", f"found errors {line.max_error} and {line.rmse} without a post, expected 0"
-            )
+    for row in data.level_rows:
+        if row.rmse > row.max_error * (1.0 + SAME):
+            yield one(f"level={row.level}", f"rmse: found {row.rmse}, above the greatest error {row.max_error}")
+        if row.post_count == 0 and (row.rmse or row.max_error):
+            yield one(f"level={row.level}", f"found errors {row.max_error} and {row.rmse} without a post, expected 0")
 
 
 def check_parent_heights(level: LevelData) -> Iterator[Defects]:
@@ -230,7 +228,7 @@ def check_parent_heights(level: LevelData) -> Iterator[Defects]:
 
 def check_rise(level: LevelData) -> Iterator[Defects]:
     """The greatest rise of a level is that of its new nodes."""
-    nodes, told, slack = level.data.nodes, level.line.max_rise, 2 * level.data.height_slack
+    nodes, told, slack = level.data.nodes, level.row.max_rise, 2 * level.data.height_slack
     if level.level == 0 or not level.data.is_nested:
         if told is not None:
             yield one(f"level={level.level}", f"max_rise: found {told}, expected NULL")

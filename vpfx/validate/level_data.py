@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from functools import cached_property
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,7 +14,7 @@ from vpfx.store.tiles import Tiling
 from vpfx.validate.kernels import face_at_edges, find_dense
 from vpfx.validate.outside import Outside, Slits, find_outside, find_slits, straighten
 from vpfx.validate.store_data import RANGED, StoreData
-from vpfx.validate.values import Line
+from vpfx.validate.values import LevelRow
 
 __all__ = ["LevelData", "StepData", "border_of", "find_ids", "rows_between"]
 
@@ -23,6 +24,7 @@ FEW = 1 << 16
 
 Indices = NDArray[np.int32]
 Ids = NDArray[np.int64]
+Made = TypeVar("Made")
 
 
 def find_ids(ids: Ids, wanted: NDArray[np.int64]) -> Indices:
@@ -89,18 +91,22 @@ class LevelData:
     ----------
     data : StoreData
     level : int
-    kept : dict
-        What rules have made and others will want.
     """
 
     def __init__(self, data: StoreData, level: int) -> None:
         self.data, self.level = data, level
-        self.kept: dict[str, Any] = {}
+        self._made: dict[Callable[[LevelData], Any], Any] = {}
+
+    def once(self, make: Callable[[LevelData], Made]) -> Made:
+        """Return what a function makes of the level: made when it is first asked for, as several rules want it."""
+        if make not in self._made:
+            self._made[make] = make(self)
+        return self._made[make]
 
     @property
-    def line(self) -> Line:
+    def row(self) -> LevelRow:
         """Its row of the table `level`."""
-        return self.data.lines[self.level]
+        return self.data.level_rows[self.level]
 
     def runs(self, table: str) -> list[tuple[int, int]]:
         """First and last ids of the rows of each tile; the tiles come in the order of ids."""
@@ -115,8 +121,8 @@ class LevelData:
     @cached_property
     def edges(self) -> dict[str, NDArray[Any]]:
         """Rows of `edge` as columns, those on borders first."""
-        first = self.line.first_border_edge
-        border = [] if first is None else [(first, self.line.last_border_edge)]
+        first = self.row.first_border_edge
+        border = [] if first is None else [(first, self.row.last_border_edge)]
         return self.data.columns("edge", border + self.runs("edge"))
 
     @cached_property

@@ -34,7 +34,7 @@ def check_node_values(data: StoreData) -> Iterator[Defects]:
         return
     ids, is_good = nodes["node_id"], np.isfinite(data.xyz).all(axis=1)
     is_good &= (nodes["tile_id"] >= 1) & (nodes["tile_id"] <= len(data.tiles)) & ~np.isinf(nodes["z_parent"])
-    is_good &= (nodes["level"] >= 0) & (nodes["level"] < len(data.lines)) & (ids >= 1)
+    is_good &= (nodes["level"] >= 0) & (nodes["level"] < len(data.level_rows)) & (ids >= 1)
     (count,) = data.select("SELECT count(*) FROM node")[0]
     if count != len(ids):
         yield one("table=node", f"found {count - len(ids)} ids below 1, expected positive ones")
@@ -96,7 +96,7 @@ def check_row_values(level: LevelData) -> Iterator[Defects]:
 def _limits(level: LevelData, name: str) -> tuple[int, int]:
     """Least and greatest value of a column."""
     known = {
-        "level": (0, len(level.data.lines) - 1),
+        "level": (0, len(level.data.level_rows) - 1),
         "tile_id": (1, len(level.data.tiles)),
         "is_filled": (0, 1),
         "slope_centidegrees": (0, MOST_SLOPE),
@@ -143,7 +143,7 @@ def _judge_areas(level: LevelData) -> Iterator[Defects]:
 
 def check_stray_rows(data: StoreData) -> Iterator[Defects]:
     """No row has an id between, before or behind the ranges."""
-    borders = [(line.first_border_edge, line.last_border_edge) for line in data.lines]
+    borders = [(row.first_border_edge, row.last_border_edge) for row in data.level_rows]
     set_aside = {"edge": [limits for limits in borders if limits[0] is not None], "node": []}
     if data.tiling.n_border_node_id:
         set_aside["node"] = [(1, data.tiling.n_border_node_id)]
@@ -212,8 +212,8 @@ def check_counts(level: LevelData) -> Iterator[Defects]:
     n_node = int((level.data.nodes["level"] <= level.level).sum())
     found = {"node_count": n_node, "edge_count": len(level.edges["edge_id"]), "face_count": len(level.faces["face_id"])}
     for name, count in found.items():
-        if getattr(level.line, name) != count:
-            yield one(f"level={level.level}", f"{name}: found {getattr(level.line, name)}, counted {count}")
+        if getattr(level.row, name) != count:
+            yield one(f"level={level.level}", f"{name}: found {getattr(level.row, name)}, counted {count}")
 
 
 def check_xyz(data: StoreData) -> Iterator[Defects]:
@@ -252,7 +252,7 @@ def _no_such(name: str, found: int, level: LevelData) -> str:
 def _missing(level: LevelData, table: str) -> Iterator[Defects]:
     """References of a table that lead nowhere, or to a node of a finer level."""
     rows = level.edges if table == "edge" else level.faces
-    node_level = np.append(level.data.nodes["level"], len(level.data.lines))
+    node_level = np.append(level.data.nodes["level"], len(level.data.level_rows))
     for array, *names in REFERENCES[table]:
         found = getattr(level, array)
         is_wrong = found < 0 if array.endswith(("edges", "links")) else node_level[found] > level.level
@@ -284,7 +284,7 @@ def check_junction_references(level: LevelData) -> Iterator[Defects]:
     """A T-junction names an edge and a node of its level, and its tile."""
     rows, (edge, node) = level.t_junctions, level.junctions
     tile_of_edge = np.append(level.edges["tile_id"], 0)  # where there is no such edge
-    level_of_node = np.append(level.data.nodes["level"], len(level.data.lines))
+    level_of_node = np.append(level.data.nodes["level"], len(level.data.level_rows))
     is_wrong = (tile_of_edge[edge] != rows["tile_id"]) | (level_of_node[node] > level.level)
 
     def text(i: int) -> tuple[str, str]:

@@ -29,7 +29,7 @@ from vpfx.store.ddl import schema_sql
 from vpfx.store.geopackage import find_srs
 from vpfx.store.tiles import Tiling
 from vpfx.validate.class_data import ClassData, read_class_data
-from vpfx.validate.values import OBJECTS, Line, Object, objects_made_by
+from vpfx.validate.values import OBJECTS, LevelRow, Object, objects_made_by
 
 __all__ = ["ALL_IDS", "HEADER", "RANGED", "StoreData", "open_store_data"]
 
@@ -123,6 +123,9 @@ class StoreData:
             connection.text_factory = lambda text: text.decode("utf-8", "replace")
             try:
                 connection.execute("PRAGMA trusted_schema = OFF")
+                connection.execute(
+                    "PRAGMA cell_size_check = ON"
+                )  # else a broken page gives what lies behind it in memory
                 connection.execute("PRAGMA ignore_check_constraints = ON")  # integrity_check: rules say it better
                 connection.execute(LOOK).fetchone()
                 reader = TableReader(connection, self.path)
@@ -146,9 +149,13 @@ class StoreData:
         """Rows that SQLite gives for a query."""
         return self._open().execute(query, values).fetchall()
 
-    def first(self, query: str, most: int, values: Sequence[Any] = ()) -> Rows:
+    def each(self, query: str) -> Iterator[tuple[Any, ...]]:
+        """Rows that SQLite gives for a query, one by one as it finds them."""
+        return self._open().execute(query)
+
+    def first(self, query: str, most: int) -> Rows:
         """Return the first rows that SQLite gives for a query."""
-        return self._open().execute(query, values).fetchmany(most)
+        return self._open().execute(query).fetchmany(most)
 
     @cached_property
     def objects(self) -> dict[str, Object]:
@@ -179,15 +186,17 @@ class StoreData:
         return found
 
     @cached_property
-    def lines(self) -> list[Line]:
+    def level_rows(self) -> list[LevelRow]:
         """Rows of the table `level`, coarse to fine."""
-        return [Line(*row) for row in self.select(f"SELECT {', '.join(Line._fields)} FROM level ORDER BY level")]
+        return [
+            LevelRow(*row) for row in self.select(f"SELECT {', '.join(LevelRow._fields)} FROM level ORDER BY level")
+        ]
 
     @property
     def n_level(self) -> int:
         """Number of rows of the table `level`, 0 if they cannot be read, or no rule has come so far as to open the file."""
         try:
-            return len(self.lines) if self._connection is not None else 0
+            return len(self.level_rows) if self._connection is not None else 0
         except (sqlite3.Error, UnicodeDecodeError):  # a message of SQLite may quote bytes that are no text
             return 0
 
@@ -212,7 +221,7 @@ class StoreData:
         """The cut of the lattice into tiles, and the ids that follow from it."""
         lattice = self.metadata["lattice"]
         n_row, n_col, tile_size = lattice["n_row"], lattice["n_col"], self.metadata["options"]["tile_size"]
-        return Tiling(n_row, n_col, tile_size, len(self.lines))
+        return Tiling(n_row, n_col, tile_size, len(self.level_rows))
 
     @cached_property
     def tile_levels(self) -> Rows:
@@ -226,7 +235,7 @@ class StoreData:
     def ranges(self) -> NDArray[np.int64]:
         """First and last ids of each tile and level, (n_tile, n_level, 3, 2), tables as in `RANGED`; 1, 0 where none."""
         limits = [self._limits(row) for row in self.tile_levels]
-        return np.array(limits, np.int64).reshape(len(self.tiles), len(self.lines), 3, 2)
+        return np.array(limits, np.int64).reshape(len(self.tiles), len(self.level_rows), 3, 2)
 
     @staticmethod
     def _limits(row: tuple[Any, ...]) -> list[int]:
@@ -284,15 +293,20 @@ class StoreData:
         return self.ulp / np.array([lattice["dx"], lattice["dy"]], np.float64)
 
     @cached_property
+    def tile_lines(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """X of the lines between tile columns and y of those between tile rows, sides of the extent included."""
+        lattice, tiling = self.metadata["lattice"], self.tiling
+        return lattice["x0"] + lattice["dx"] * tiling.col_lines, lattice["y0"] + lattice["dy"] * tiling.row_lines
+
+    @cached_property
     def lines_of_nodes(self) -> NDArray[np.int64]:
         """Which line between tile columns, and which between tile rows, each node lies on, bit for bit, (n_node, 2); -1: none.
 
         The sides of the extent are lines too, the first and the last.
         """
-        lattice, tiling = self.metadata["lattice"], self.tiling
         found = np.empty((len(self.xyz), 2), np.int64)
-        for axis, (origin, step, posts) in enumerate((("x0", "dx", tiling.col_lines), ("y0", "dy", tiling.row_lines))):
-            lines, values = lattice[origin] + lattice[step] * posts, self.xyz[:, axis]
+        for axis, lines in enumerate(self.tile_lines):
+            values = self.xyz[:, axis]
             at = np.minimum(np.searchsorted(lines, values), len(lines) - 1)
             found[:, axis] = np.where(lines[at] == values, at, -1)
         return found

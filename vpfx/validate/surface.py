@@ -47,13 +47,6 @@ def check_places(data: StoreData) -> Iterator[Defects]:
 
 def _slopes(level: LevelData) -> NDArray[np.float64]:
     """Slope, its slack, aspect and its slack of every face, hundredths of a degree, (n_face, 4); aspect NaN if level."""
-    if "slopes" not in level.kept:
-        level.kept["slopes"] = _measure_slopes(level)
-    found: NDArray[np.float64] = level.kept["slopes"]
-    return found
-
-
-def _measure_slopes(level: LevelData) -> NDArray[np.float64]:
     crs, boxes, lattice = level.data.crs, level.data.boxes, level.data.metadata["lattice"]
     middles = (boxes[:, :2] + boxes[:, 2:]) / 2
     metres = np.array([ground_size(crs, x, y, lattice["dx"], lattice["dy"]) for x, y in middles.tolist()])
@@ -66,7 +59,7 @@ def _measure_slopes(level: LevelData) -> NDArray[np.float64]:
 
 def check_slopes(level: LevelData) -> Iterator[Defects]:
     """The slope is that of the face, rounded."""
-    slope, slack, _, _ = _slopes(level).T
+    slope, slack, _, _ = level.once(_slopes).T
     told = level.faces["slope_centidegrees"]
     wrong = np.flatnonzero(~(np.abs(told - slope) <= HALF + slack))
     yield from some(wrong, lambda i: (level.place("face", i), f"slope: found {told[i]}, measured {slope[i]:.2f}"))
@@ -74,7 +67,7 @@ def check_slopes(level: LevelData) -> Iterator[Defects]:
 
 def check_aspects(level: LevelData) -> Iterator[Defects]:
     """The aspect is that of the face, rounded, and NULL where the slope rounds to 0."""
-    _, _, aspect, slack = _slopes(level).T
+    _, _, aspect, slack = level.once(_slopes).T
     told, slope = level.faces["aspect_centidegrees"], level.faces["slope_centidegrees"]
     off = np.abs(told - aspect)
     off = np.minimum(off, CIRCLE - off)

@@ -15,7 +15,7 @@ from vpfx.store.contents import METADATA
 from vpfx.store.tiles import LEAST_TILE_SIZE
 from vpfx.validate.report import ERROR, Defects, Rule, one
 from vpfx.validate.store_data import RANGED, StoreData
-from vpfx.validate.values import Line, is_number, is_whole
+from vpfx.validate.values import LevelRow, is_number, is_whole
 
 __all__ = ["RULES"]
 
@@ -85,10 +85,10 @@ def check_posts(data: StoreData) -> Iterator[Defects]:
         yield one(f"{where}void_posts", f"found {void} void and {isolated} isolated posts of {posts}")
     if not 0 <= metadata["void_area_m2"] <= metadata["area_m2"]:
         yield one(f"{where}void_area_m2", f"found {metadata['void_area_m2']} of {metadata['area_m2']}")
-    for line in data.lines:
-        if line.post_count != posts - void - isolated:
+    for row in data.level_rows:
+        if row.post_count != posts - void - isolated:
             expected = f"expected {posts - void - isolated}, those that are neither void nor isolated"
-            yield one(f"level={line.level}", f"post_count: found {line.post_count}, {expected}")
+            yield one(f"level={row.level}", f"post_count: found {row.post_count}, {expected}")
 
 
 def check_sources(data: StoreData) -> Iterator[Defects]:
@@ -115,27 +115,27 @@ def check_sources(data: StoreData) -> Iterator[Defects]:
 
 def check_levels(data: StoreData) -> Iterator[Defects]:
     """Levels count from 0, none left out, and have finite numbers."""
-    if not data.lines:
+    if not data.level_rows:
         yield one("table=level", "found no row, expected at least one")
-    for number, line in enumerate(data.lines):
-        where = f"level={line.level}"
-        if line.level != number:
-            yield one(where, f"found {line.level}, expected {number}")
+    for number, row in enumerate(data.level_rows):
+        where = f"level={row.level}"
+        if row.level != number:
+            yield one(where, f"found {row.level}, expected {number}")
         for name in ("max_error", "rmse", "max_error_bound", "max_rise"):
-            value = getattr(line, name)
+            value = getattr(row, name)
             is_null = value is None and name in ("max_error_bound", "max_rise")
             if not is_null and not (is_number(value) and value >= 0):
                 yield one(where, f"{name}: found {_short(value)}, expected a finite number, not negative")
         for name in ("post_count", "node_count", "edge_count", "face_count"):
-            if not is_whole(getattr(line, name)):
-                yield one(where, f"{name}: found {_short(getattr(line, name))}, expected a whole number")
-        if not (isinstance(line.border_digest, bytes) and len(line.border_digest) == DIGEST_SIZE):
-            yield one(where, f"border_digest: found {_short(line.border_digest)}, expected {DIGEST_SIZE} bytes")
-        yield from _check_border_range(line, where)
+            if not is_whole(getattr(row, name)):
+                yield one(where, f"{name}: found {_short(getattr(row, name))}, expected a whole number")
+        if not (isinstance(row.border_digest, bytes) and len(row.border_digest) == DIGEST_SIZE):
+            yield one(where, f"border_digest: found {_short(row.border_digest)}, expected {DIGEST_SIZE} bytes")
+        yield from _check_border_range(row, where)
 
 
-def _check_border_range(line: Line, where: str) -> Iterator[Defects]:
-    first, last = line.first_border_edge, line.last_border_edge
+def _check_border_range(row: LevelRow, where: str) -> Iterator[Defects]:
+    first, last = row.first_border_edge, row.last_border_edge
     if not (first is None and last is None) and not (is_whole(first, 1) and is_whole(last, first)):
         yield one(where, f"border edges: found {_short(first)} … {_short(last)}, expected a range, or NULL")
 
@@ -143,7 +143,7 @@ def _check_border_range(line: Line, where: str) -> Iterator[Defects]:
 def check_cuts(data: StoreData) -> Iterator[Defects]:
     """There is a row a level and kind of cut."""
     rows = data.select("SELECT level, kind, cut_count FROM level_cut ORDER BY level, kind")
-    expected = {(line.level, kind) for line in data.lines for kind in CUTS}
+    expected = {(row.level, kind) for row in data.level_rows for kind in CUTS}
     for level, kind, count in rows:
         where = f"table=level_cut level={level} kind={_short(kind)}"
         if (level, kind) not in expected:
@@ -171,7 +171,7 @@ def check_tiles(data: StoreData) -> Iterator[Defects]:
 
 def check_tile_levels(data: StoreData) -> Iterator[Defects]:
     """There is a row a tile and level, with ranges of ids or none."""
-    n_level, expected = len(data.lines), len(data.tiles) * len(data.lines)
+    n_level, expected = len(data.level_rows), len(data.tiles) * len(data.level_rows)
     if len(data.tile_levels) != expected:
         yield one("table=tile_level", f"found {len(data.tile_levels)} rows, expected {expected}")
         return
@@ -198,7 +198,7 @@ def check_order(data: StoreData) -> Iterator[Defects]:
             if low > high:
                 continue
             if low != following:
-                tile, level = divmod(number, len(data.lines))
+                tile, level = divmod(number, len(data.level_rows))
                 where = f"level={level} tile={tile + 1}"
                 yield one(where, f"{table}: found a range from {low}, expected one from {following}")
             following = high + 1

@@ -20,15 +20,9 @@ COVER_PART, COVER_SLACKS = 1e-12, 4.0
 """Of the area of a tile, slacks of places along the perimeters of its faces, by which faces may add up to less or more."""
 
 
-def _lines(data: StoreData) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """X of the lines between tile columns and y of those between tile rows, sides of the extent included."""
-    lattice, tiling = data.metadata["lattice"], data.tiling
-    return lattice["x0"] + lattice["dx"] * tiling.col_lines, lattice["y0"] + lattice["dy"] * tiling.row_lines
-
-
 def check_extents(data: StoreData) -> Iterator[Defects]:
     """Extents are those of the posts on the lines between tiles, bit for bit."""
-    x, y = _lines(data)
+    x, y = data.tile_lines
     row, col = np.divmod(np.arange(len(data.tiles)), data.tiling.n_tile_col)
     expected = np.column_stack([x[col], y[row], x[col + 1], y[row + 1]])
     wrong = np.flatnonzero((data.boxes != expected).any(axis=1))
@@ -96,11 +90,11 @@ def check_node_ids(data: StoreData) -> Iterator[Defects]:
 
 def check_border_ranges(data: StoreData) -> Iterator[Defects]:
     """Each level sets the ids of its edges on borders aside by the formula."""
-    for line in data.lines:
-        expected = data.tiling.border_edge_ids(line.level) or (None, None)
-        found = (line.first_border_edge, line.last_border_edge)
+    for row in data.level_rows:
+        expected = data.tiling.border_edge_ids(row.level) or (None, None)
+        found = (row.first_border_edge, row.last_border_edge)
         if found != expected:
-            yield one(f"level={line.level}", f"border edges: found {found[0]} … {found[1]}, expected {expected}")
+            yield one(f"level={row.level}", f"border edges: found {found[0]} … {found[1]}, expected {expected}")
 
 
 def check_edge_ids(level: LevelData) -> Iterator[Defects]:
@@ -154,17 +148,15 @@ def check_edge_tiles(level: LevelData) -> Iterator[Defects]:
 
 def _boxes_and_areas(level: LevelData) -> tuple[NDArray[np.bool_], NDArray[np.float64], NDArray[np.float64]]:
     """Whether each face lies in the extent of its tile; areas and perimeters of the faces of each tile."""
-    if "boxes and areas" not in level.kept:
-        n_tile = len(level.data.tiles)
-        found = np.empty(len(level.face_nodes), np.bool_), np.zeros(n_tile), np.zeros(n_tile)
-        measure_tiles(level.data.xyz, level.face_nodes, level.faces["tile_id"] - 1, level.data.boxes, *found)
-        level.kept["boxes and areas"] = found
-    return level.kept["boxes and areas"]
+    n_tile = len(level.data.tiles)
+    found = np.empty(len(level.face_nodes), np.bool_), np.zeros(n_tile), np.zeros(n_tile)
+    measure_tiles(level.data.xyz, level.face_nodes, level.faces["tile_id"] - 1, level.data.boxes, *found)
+    return found
 
 
 def check_face_places(level: LevelData) -> Iterator[Defects]:
     """A face lies in the extent of its tile."""
-    is_inside, _, _ = _boxes_and_areas(level)
+    is_inside, _, _ = level.once(_boxes_and_areas)
     yield from some(
         np.flatnonzero(~is_inside), lambda i: (level.place("face", i), "found a corner outside the extent of its tile")
     )
@@ -175,10 +167,10 @@ def check_cover(level: LevelData) -> Iterator[Defects]:
     data, metadata = level.data, level.data.metadata
     if metadata["void_posts"] and not metadata["options"].get("fill"):
         return
-    _, total, reach = _boxes_and_areas(level)
+    _, total, perimeter = level.once(_boxes_and_areas)
     expected = (data.boxes[:, 2] - data.boxes[:, 0]) * (data.boxes[:, 3] - data.boxes[:, 1])
     wrong = np.flatnonzero(
-        ~(np.abs(total - expected) <= COVER_PART * expected + COVER_SLACKS * data.place_slack * reach)
+        ~(np.abs(total - expected) <= COVER_PART * expected + COVER_SLACKS * data.place_slack * perimeter)
     )
     where = f"level={level.level}"
     yield from some(

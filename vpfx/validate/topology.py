@@ -51,7 +51,7 @@ def _sides(level: LevelData) -> tuple[np.ndarray, np.ndarray]:
 
 def check_face_edges(level: LevelData) -> Iterator[Defects]:
     """Each edge of a face joins the nodes of its side."""
-    index = np.flatnonzero(_sides(level)[0].ravel())
+    index = np.flatnonzero(level.once(_sides)[0].ravel())
 
     def text(side: int) -> tuple[str, str]:
         face, i = divmod(side, 3)
@@ -66,7 +66,7 @@ def check_face_edges(level: LevelData) -> Iterator[Defects]:
 
 def check_edge_faces(level: LevelData) -> Iterator[Defects]:
     """Faces and edges name each other, and the face lies on the hand that the edge says."""
-    index = np.flatnonzero(_sides(level)[1].ravel())
+    index = np.flatnonzero(level.once(_sides)[1].ravel())
 
     def of_face(side: int) -> tuple[str, str]:
         edge = level.face_edges.ravel()[side]

@@ -7,13 +7,13 @@ import sqlite3
 from contextlib import closing
 from typing import Any, NamedTuple
 
-__all__ = ["OBJECTS", "Line", "Object", "is_number", "is_whole", "objects_made_by"]
+__all__ = ["OBJECTS", "LevelRow", "Object", "is_number", "is_whole", "objects_made_by"]
 
 OBJECTS = "SELECT name, type, tbl_name, sql FROM sqlite_schema"
 """Asks SQLite for what makes an `Object`, by name."""
 
 
-class Line(NamedTuple):
+class LevelRow(NamedTuple):
     """A row of the table `level`, as it stands there."""
 
     level: Any
