@@ -432,6 +432,30 @@ def test_any_value_may_stand_anywhere(tmp_path):
                 known(validate(path))
 
 
+@pytest.mark.parametrize(("name", "table"), [("junctions", "t_junction"), ("pyramid", "shared_area")])
+def test_any_value_may_stand_in_tables_that_few_stores_fill(name, table, tmp_path):
+    base, path = build_base(name, tmp_path), tmp_path / "a.gpkg"
+    rng = random.Random(table)
+    for column in [column for of, column in columns_of(base) if of == table]:
+        for value in rng.sample(VALUES, 3):
+            row = f"(SELECT {column} FROM {table} LIMIT 1 OFFSET 2)"
+            if spoil(path, base, [f"UPDATE OR IGNORE {table} SET {column} = {value} WHERE {column} IS {row}"]):
+                known(validate(path))
+
+
+def test_tables_may_be_empty(tmp_path):
+    """T-junctions, edges and faces without a node; then levels and tiles alone."""
+    base, path = build_base("junctions", tmp_path), tmp_path / "a.gpkg"
+    no_nodes = ["DELETE FROM node", "UPDATE tile_level SET first_node = NULL, last_node = NULL"]
+    assert spoil(path, base, no_nodes)
+    assert {"V220", "V221", "V223"} <= known(validate(path))
+    no_rows = [f"DELETE FROM {table}" for table in ("edge", "face", "t_junction", "parent_child", "shared_area")]
+    no_ids = ", ".join(f"{end}_{table} = NULL" for end in ("first", "last") for table in ("edge", "face"))
+    no_counts = "UPDATE level SET node_count = 0, edge_count = 0, face_count = 0"
+    assert spoil(path, base, [*no_nodes, *no_rows, f"UPDATE tile_level SET {no_ids}", no_counts])
+    assert {"V523", "V609"} <= known(validate(path, dem=[base.with_suffix(".tif")]))
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("name", BASES)
 def test_any_value_may_stand_anywhere_in_every_base(name, tmp_path):
