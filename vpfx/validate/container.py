@@ -9,7 +9,7 @@ from itertools import chain
 from vpfx.store.contents import FORMAT_VERSION, error_kind
 from vpfx.store.geopackage import APPLICATION_ID
 from vpfx.validate.report import ERROR, WARNING, Defects, Rule, one
-from vpfx.validate.store_data import StoreData
+from vpfx.validate.store_data import HEADER, StoreData
 
 __all__ = ["RULES"]
 
@@ -48,7 +48,7 @@ def _kind_of(head: bytes) -> str:
 
 def check_database(data: StoreData) -> Iterator[Defects]:
     """The file begins as a database of SQLite does."""
-    if not data.head.startswith(MAGIC) or len(data.head) < 100:
+    if not data.head.startswith(MAGIC) or len(data.head) < HEADER:
         yield one("byte=0", f"found {_kind_of(data.head)}, expected a store: a database of SQLite")
 
 

@@ -31,7 +31,7 @@ from vpfx.store.tiles import Tiling
 from vpfx.validate.class_data import ClassData, read_class_data
 from vpfx.validate.values import OBJECTS, LevelRow, Object, objects_made_by
 
-__all__ = ["ALL_IDS", "HEADER", "RANGED", "StoreData", "open_store_data"]
+__all__ = ["HEADER", "RANGED", "StoreData", "open_store_data"]
 
 HEADER = 100  # bytes
 READ_VERSION, WAL = 19, b"\2"  # byte of the header, and what it is where newest pages may lie in a write-ahead log
