@@ -15,10 +15,11 @@ from small_vpf import FORWARD, JOINED, make_database, put, put_cat, put_lat, put
 
 from vpfx.errors import InputError, NotFoundError, VpfFormatError
 from vpfx.vpf import layouts, schema
-from vpfx.vpf.catalog import FeatureClass, Join, open_database
+from vpfx.vpf.catalog import open_database
 from vpfx.vpf.header import Column, Layout, check_layout
 from vpfx.vpf.listing import list_database, list_lines
 from vpfx.vpf.paths import check_name, find, split
+from vpfx.vpf.schema import FeatureClass, Join
 from vpfx.vpf.table import read_table
 from vpfx.vpf.values import texts
 
@@ -318,13 +319,13 @@ def test_value_descriptions(root):
         layouts.char_vdt(5),
         [("roadl.lft", "f_code", "AP030", "Road"), ("roadl.lft", "acc", "x", "Odd")],
     )
-    assert open_database(root).libraries["north"].coverages["road"].value_descriptions() == {
+    assert open_database(root).libraries["north"].coverages["road"].value_descriptions == {
         ("roadl.lft", "acc"): {1: "Good", 2: "Bad", "x": "Odd"},
         ("roadl.lft", "f_code"): {"AP030": "Road"},
     }
     put(folder / "int.vdt", without(layouts.INT_VDT, "value"), [("a", "b", "c")])
     with pytest.raises(VpfFormatError, match=r"int\.vdt: column 'value'"):
-        open_database(root).libraries["north"].coverages["road"].value_descriptions()
+        _ = open_database(root).libraries["north"].coverages["road"].value_descriptions
 
 
 def test_number_of_rows_is_bounded(root, monkeypatch):
@@ -336,7 +337,7 @@ def test_number_of_rows_is_bounded(root, monkeypatch):
 
 def test_columns_that_are_no_numbers(root):
     put_tiles(root / "north", layout=typed(layouts.TILEREF, {"fac_id": "F"}))
-    with pytest.raises(VpfFormatError, match=r"tileref\.aft: column 'fac_id': found no whole numbers"):
+    with pytest.raises(VpfFormatError, match=r"tileref\.aft: column 'fac_id': found type F,1, expected I or S or K"):
         _ = open_database(root).libraries["north"].tiles
     put_cat(root / "north", layout=renamed(layouts.CAT, {"coverage_name": "name"}))
     with pytest.raises(VpfFormatError, match="cat: column 'coverage_name'"):
@@ -410,7 +411,7 @@ def test_links_out_of_the_database(root, tmp_path):
 def test_pipes_are_not_opened(root):
     os.mkfifo(root / "north" / "road" / "int.vdt")
     with pytest.raises(VpfFormatError, match="found a device or a pipe"):
-        open_database(root).libraries["north"].coverages["road"].value_descriptions()
+        _ = open_database(root).libraries["north"].coverages["road"].value_descriptions
 
 
 @settings(max_examples=200, deadline=None)
@@ -558,7 +559,7 @@ def test_real_database(start):
     assert counts == {"markersp": 40, "polbndl": 2, "polbnda": 6, "bndtxt": 4}
     primitives = {name: read_table(coverage.table(name, 1)).n_row for name in ("edg", "cnd", "end", "fac", "txt")}
     assert primitives == {"edg": 23, "cnd": 18, "end": 40, "fac": 7, "txt": 4}
-    descriptions = coverage.value_descriptions()
+    descriptions = coverage.value_descriptions
     assert descriptions["polbnda.aft", "f_code"]["FA001"] == "Administrative Area"
     assert len(coverage.problems) == 2, "two classes of fca whose relations are not in this extract"
 

@@ -22,7 +22,7 @@ import vpfx
 from vpfx.errors import NotFoundError, VpfFormatError, VpfxError
 from vpfx.export import EXPORTERS
 from vpfx.registry import pick
-from vpfx.vpf.decode import iso_date
+from vpfx.vpf.fields import iso_date
 from vpfx.vpf.geometry import face_polygons
 from vpfx.vpf.merge import merge_parts
 from vpfx.vpf.opening import feature_classes, open_coverages

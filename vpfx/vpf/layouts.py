@@ -12,14 +12,14 @@ from vpfx.errors import InputError
 from vpfx.vpf.header import COUNTED, Column, Layout
 
 __all__ = [
-    "CAT", "COORDINATES", "DHT", "DOC", "DQT", "EBR", "FAC", "FBR", "FCS", "GRT", "INT_VDT", "LAT", "LHT",
+    "CAT", "COORDINATES", "DHT", "DQT", "EBR", "FAC", "FBR", "FCS", "GRT", "INT_VDT", "LAT", "LHT",
     "PRIMITIVES", "RNG", "TILEREF", "char_vdt", "cnd", "edg", "end", "fca", "feature", "fit", "join", "txt",
 ]  # fmt: skip
 
 COORDINATES = "CZBY"
 """Types of coordinates: x and y, with z, in single and in double precision."""
 
-PRIMITIVES = {"end": "P", "cnd": "P", "edg": "L", "fac": "A", "txt": "T"}
+PRIMITIVES = {"edg": "L", "fac": "A", "end": "P", "cnd": "P", "txt": "T"}
 """Tables of primitives, and the type of the feature classes on them."""
 
 _TILE = "tile_id S 1 N Tile as row of tileref.aft"
@@ -196,12 +196,6 @@ TILEREF = _table("""
         id        I 1 P Row id
         tile_name T * N Path of the tile
         fac_id    I 1 N Face of the tile
-""")
-
-DOC = _table("""
-    Narrative Table
-        id   I 1 P Row id
-        text T * N Text
 """)
 
 
