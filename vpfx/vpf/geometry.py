@@ -13,8 +13,7 @@ import shapely
 from numpy.typing import NDArray
 
 from vpfx.errors import VpfFormatError
-from vpfx.vpf.face_rings import find_rings, rings_of
-from vpfx.vpf.rings import Rings, WingedEdges
+from vpfx.vpf.rings import Rings, WingedEdges, find_rings, rings_of
 from vpfx.vpf.table import Table
 from vpfx.vpf.values import Ragged
 
@@ -43,7 +42,7 @@ class Faces(NamedTuple):
         Ascending. The universe is not among them: it has no outer ring.
     polygons : object (n,)
     mended, lost : int64
-        Ids of faces whose rings the links alone do not give, and of those that have none (`vpfx.vpf.face_rings.FoundRings`).
+        Ids of faces whose rings the links alone do not give, and of those that have none (`vpfx.vpf.rings.FoundRings`).
     """
 
     ids: Ids
