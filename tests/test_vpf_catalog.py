@@ -18,9 +18,10 @@ from vpfx.vpf import layouts, schema
 from vpfx.vpf.catalog import open_database
 from vpfx.vpf.header import Column, Layout, check_layout
 from vpfx.vpf.listing import list_database, list_lines
+from vpfx.vpf.opening import open_coverages
 from vpfx.vpf.paths import check_name, find, split
 from vpfx.vpf.schema import FeatureClass, Join
-from vpfx.vpf.table import read_table
+from vpfx.vpf.table import open_table, read_table, write_table
 from vpfx.vpf.values import texts
 
 TEXASH = "vm2alv2_texash"
@@ -333,6 +334,40 @@ def test_number_of_rows_is_bounded(root, monkeypatch):
     monkeypatch.setattr(schema.read_bounded, "__defaults__", (3,))
     with pytest.raises(VpfFormatError, match="found 6 rows, expected at most 3"):
         _ = open_database(root).libraries["north"].coverages["road"].classes
+
+
+def test_tiles_without_a_number(root):
+    """Tile 0 is the coverage itself."""
+    put_tiles(root / "north")
+    path = root / "north" / "tileref" / "tileref.aft"
+    first = read_table(path).columns["id"]
+    assert first.tolist() == [1, 2]
+    write_table(path, layouts.TILEREF, {"id": [0, 2], "tile_name": [r"07\01", r"07\02"], "fac_id": [2, 3]})
+    library = open_database(root).libraries["north"]
+    assert list(library.tiles) == [2]
+    (line,) = library.problems
+    assert line.endswith("tileref.aft: row 1: found the id 0, expected 1 to 2147483647 (V-206); it is no tile")
+
+
+def test_classes_with_control_characters(root):
+    path = root / "north" / "road" / "fcs"
+    path.write_bytes(path.read_bytes().replace(b"roadl   ", b"ro\x1b[0m  ", 1))
+    with pytest.raises(VpfFormatError, match=r"fcs: row 1: found the class 'ro\\x1b\[0m', expected a name without"):
+        _ = open_database(root).libraries["north"].coverages["road"].classes
+
+
+def test_a_library_in_its_database(root):
+    """One directory with lat and cat: a coverage of it is opened all the same."""
+    put(root / "cat", layouts.CAT, [("road", "Roads", 3)])
+    shutil.copytree(root / "north" / "road", root / "road")
+    (coverage,) = open_coverages(root / "road").coverages
+    assert (coverage.level, coverage.library.path) == (3, root.resolve())
+
+
+@pytest.mark.parametrize("read", [open_database, open_coverages, open_table])
+def test_names_that_are_too_long(read):
+    with pytest.raises(NotFoundError):
+        read("a" * 300)
 
 
 def test_columns_that_are_no_numbers(root):

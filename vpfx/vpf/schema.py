@@ -88,7 +88,7 @@ def read_relations(path: Path) -> tuple[Relation, ...]:
     Raises
     ------
     VpfFormatError
-        A column is missing or no text, or a table has a name that no file can have.
+        A column is missing or no text, a table has a name that no file can have, or a class has control characters in its.
     """
     table = read_bounded(path)
     key1 = "foreign_key" if "foreign_key" in table and "table1_key" not in table else "table1_key"
@@ -99,6 +99,9 @@ def read_relations(path: Path) -> tuple[Relation, ...]:
         name, table1, column1, table2, column2 = ((text or "").strip() for text in fields)
         for text in (table1, table2):
             check_name(text, str(path), f"row {row}")
+        if not name.isprintable():
+            found = f"found the class {name!r}, expected a name without control characters"
+            raise VpfFormatError(str(path), f"row {row}", found, "V-204")
         relations.append(Relation(row, name or table1.split(".")[0], table1, column1, table2, column2))
     return tuple(relations)
 
