@@ -91,19 +91,18 @@ class Coverage:
         return self._schema[0]
 
     @property
-    def problems(self) -> tuple[str, ...]:
-        """What the schema names but does not explain; lines as of errors."""
+    def problems(self) -> dict[str, str]:
+        """Lines on classes that the schema names but does not explain, by their names in lower case; of itself by ``""``."""
         return self._schema[1]
 
     @cached_property
-    def _schema(self) -> tuple[dict[str, FeatureClass], tuple[str, ...]]:
+    def _schema(self) -> tuple[dict[str, FeatureClass], dict[str, str]]:
         path = self.find("fca")
-        classes, problems = schema.classes_of(
-            self.relations, {} if path is None else schema.read_kinds(path), str(self.path)
-        )
+        kinds = {} if path is None else schema.read_kinds(path)
+        classes, problems = schema.classes_of(self.relations, kinds, str(self.path))
         if self.find("fcs") is None:
             message = "found no table fcs, expected the feature class schema"
-            problems = (str(VpfFormatError(str(self.path), "", message, "V-204")), *problems)
+            problems = {"": str(VpfFormatError(str(self.path), "", message, "V-204")), **problems}
         return classes, problems
 
     def find(self, name: str, tile_id: int = 0) -> Path | None:

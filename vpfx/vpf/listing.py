@@ -59,7 +59,7 @@ def _library(library: Library) -> dict[str, Any]:
 def _coverage(coverage: Coverage) -> dict[str, Any]:
     told = {"name": coverage.name, "description": coverage.description, "level": coverage.level}
     try:
-        problems = list(coverage.problems)
+        problems = list(coverage.problems.values())
         classes = [_class(coverage, found, problems) for found in coverage.classes.values()]
     except VpfxError as error:
         classes, problems = [], [str(error)]

@@ -123,8 +123,7 @@ def feature_classes(coverage: Coverage) -> tuple[dict[str, FeatureClass], tuple[
     """
     classes = dict(coverage.classes)
     known = {found.table.lower().rstrip(".") for found in classes.values()}
-    guessed: list[str] = []
-    problems: list[str] = []
+    told, problems = dict(coverage.problems), []
     for name in _feature_tables(coverage.path):
         if name in known:
             continue
@@ -135,11 +134,10 @@ def feature_classes(coverage: Coverage) -> tuple[dict[str, FeatureClass], tuple[
             continue
         if found is not None and found.name not in classes:
             classes[found.name] = found
-            guessed.append(f"class {found.name!r}")
+            told.pop(found.name, None)
             what = f"found no relation of {name} in fcs; its features are found by column {found.prim_key}"
             problems.append(str(VpfFormatError(str(coverage.path), "", what, "V-403")))
-    told = [line for line in coverage.problems if not any(name in line for name in guessed)]
-    return classes, (*told, *problems)
+    return classes, (*told.values(), *problems)
 
 
 def _feature_tables(folder: Path) -> list[str]:

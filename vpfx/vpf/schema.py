@@ -125,7 +125,7 @@ def read_kinds(path: Path) -> dict[str, tuple[str, str, str]]:
 
 def classes_of(
     relations: Sequence[Relation], kinds: dict[str, tuple[str, str, str]], path: str = ""
-) -> tuple[dict[str, FeatureClass], tuple[str, ...]]:
+) -> tuple[dict[str, FeatureClass], dict[str, str]]:
     """Feature classes by their names in lower case, and what hinders others.
 
     Returns
@@ -133,15 +133,15 @@ def classes_of(
     classes : dict
         A class on two tables of primitives stands there twice, the second time as ``name:primitive``; one with two
         feature tables, as ``name:table``.
-    problems : tuple of str
-        Classes of ``fcs`` or ``fca`` that no relation leads to primitives.
+    problems : dict
+        Lines on classes of ``fcs`` or ``fca`` that no relation leads to primitives, by their names in lower case.
 
     Examples
     --------
     >>> relation = Relation(1, "ROADL", "ROADL.LFT", "EDG_ID", "EDG", "ID")
     >>> classes_of([relation, relation._replace(row=2)], {})
     ({'roadl': FeatureClass(name='ROADL', kind='L', table='ROADL.LFT', primitive='edg', prim_key='EDG_ID', join=None,
-    description='')}, ())
+    description='')}, {})
     """
     classes: dict[str, FeatureClass] = {}
     for found in _forward(relations):
@@ -157,8 +157,7 @@ def classes_of(
     named = [relation.feature_class for relation in relations] + [name for name, _, _ in kinds.values()]
     lost = {name.lower(): name for name in named if name.lower() not in classes}
     message = "found no relation to primitives, expected one in fcs"
-    problems = [str(VpfFormatError(path, f"class {name!r}", message, "V-204")) for name in lost.values()]
-    return classes, tuple(problems)
+    return classes, {key: str(VpfFormatError(path, f"class {name!r}", message, "V-204")) for key, name in lost.items()}
 
 
 def _same(feature_class: FeatureClass) -> tuple[str, ...]:
