@@ -2,7 +2,7 @@
 
 ::
 
-    one table        table (read), writer ◄─ arrays (what is given, checked)
+    one table        table (read), writer ◄─ given_columns (checked)
                        └─ header, index_file, rows ─ kernels, values
     beside it        spatial_index ─ bins, thematic_index
     the standard's   layouts: columns of its tables
