@@ -15,11 +15,13 @@ from small_vpf import FORWARD, JOINED, make_database, put, put_cat, put_lat, put
 
 from vpfx.errors import InputError, NotFoundError, VpfFormatError
 from vpfx.vpf import layouts, schema
-from vpfx.vpf.catalog import FeatureClass, Join, open_database
+from vpfx.vpf.catalog import open_database
 from vpfx.vpf.header import Column, Layout, check_layout
 from vpfx.vpf.listing import list_database, list_lines
+from vpfx.vpf.opening import open_coverages
 from vpfx.vpf.paths import check_name, find, split
-from vpfx.vpf.table import read_table
+from vpfx.vpf.schema import FeatureClass, Join
+from vpfx.vpf.table import open_table, read_table, write_table
 from vpfx.vpf.values import texts
 
 TEXASH = "vm2alv2_texash"
@@ -57,7 +59,7 @@ def test_made_up_database(root):
         2: ("07/02", (9, 48, 10, 49)),
     }
     coverage = library.coverages["road"]
-    assert (coverage.description, coverage.level, coverage.problems) == ("About roads", 3, ())
+    assert (coverage.description, coverage.level, coverage.problems) == ("About roads", 3, {})
     assert coverage.classes == {
         "roadl": FeatureClass("roadl", "L", "roadl.lft", "edg", "edg_id", None, "Roads"),
         "lakea": FeatureClass(
@@ -138,7 +140,7 @@ def test_order_of_relations(root, rows):
     path = root / "north" / "road" / "fcs"
     put(path, layouts.FCS, rows)
     classes, problems = schema.classes_of(schema.read_relations(path), {})
-    assert problems == ()
+    assert problems == {}
     assert sorted(classes) == ["lakea", "roadl"]
     assert classes["roadl"][1:5] == ("L", "roadl.lft", "edg", "edg_id")
     assert classes["lakea"].join == Join("lakea.ajt", "lakea_id", "fac_id")
@@ -172,7 +174,8 @@ def test_relations_that_lead_nowhere(root):
     coverage = open_database(root).libraries["north"].coverages["road"]
     assert sorted(coverage.classes) == ["netc", "roadl"]
     assert coverage.classes["netc"][1:4] == ("C", "netc.cft", "")
-    assert [problem.split(": ")[1] for problem in coverage.problems] == ["class 'lostp'", "class 'lakea'"]
+    assert list(coverage.problems) == ["lostp", "lakea"]
+    assert "class 'lostp': found no relation to primitives" in coverage.problems["lostp"]
 
 
 def test_old_names_of_columns(root):
@@ -191,7 +194,7 @@ def test_missing_schema(root):
     (root / "north" / "road" / "fcs").unlink()
     coverage = open_database(root).libraries["north"].coverages["road"]
     assert coverage.classes == {}
-    assert "found no table fcs" in coverage.problems[0]
+    assert "found no table fcs" in coverage.problems[""]
     assert len(coverage.problems) == 3
 
 
@@ -318,13 +321,13 @@ def test_value_descriptions(root):
         layouts.char_vdt(5),
         [("roadl.lft", "f_code", "AP030", "Road"), ("roadl.lft", "acc", "x", "Odd")],
     )
-    assert open_database(root).libraries["north"].coverages["road"].value_descriptions() == {
+    assert open_database(root).libraries["north"].coverages["road"].value_descriptions == {
         ("roadl.lft", "acc"): {1: "Good", 2: "Bad", "x": "Odd"},
         ("roadl.lft", "f_code"): {"AP030": "Road"},
     }
     put(folder / "int.vdt", without(layouts.INT_VDT, "value"), [("a", "b", "c")])
     with pytest.raises(VpfFormatError, match=r"int\.vdt: column 'value'"):
-        open_database(root).libraries["north"].coverages["road"].value_descriptions()
+        _ = open_database(root).libraries["north"].coverages["road"].value_descriptions
 
 
 def test_number_of_rows_is_bounded(root, monkeypatch):
@@ -334,9 +337,43 @@ def test_number_of_rows_is_bounded(root, monkeypatch):
         _ = open_database(root).libraries["north"].coverages["road"].classes
 
 
+def test_tiles_without_a_number(root):
+    """Tile 0 is the coverage itself."""
+    put_tiles(root / "north")
+    path = root / "north" / "tileref" / "tileref.aft"
+    first = read_table(path).columns["id"]
+    assert first.tolist() == [1, 2]
+    write_table(path, layouts.TILEREF, {"id": [0, 2], "tile_name": [r"07\01", r"07\02"], "fac_id": [2, 3]})
+    library = open_database(root).libraries["north"]
+    assert list(library.tiles) == [2]
+    (line,) = library.problems
+    assert line.endswith("tileref.aft: row 1: found the id 0, expected 1 to 2147483647 (V-206); it is no tile")
+
+
+def test_classes_with_control_characters(root):
+    path = root / "north" / "road" / "fcs"
+    path.write_bytes(path.read_bytes().replace(b"roadl   ", b"ro\x1b[0m  ", 1))
+    with pytest.raises(VpfFormatError, match=r"fcs: row 1: found the class 'ro\\x1b\[0m', expected a name without"):
+        _ = open_database(root).libraries["north"].coverages["road"].classes
+
+
+def test_a_library_in_its_database(root):
+    """One directory with lat and cat: a coverage of it is opened all the same."""
+    put(root / "cat", layouts.CAT, [("road", "Roads", 3)])
+    shutil.copytree(root / "north" / "road", root / "road")
+    (coverage,) = open_coverages(root / "road").coverages
+    assert (coverage.level, coverage.library.path) == (3, root.resolve())
+
+
+@pytest.mark.parametrize("read", [open_database, open_coverages, open_table])
+def test_names_that_are_too_long(read):
+    with pytest.raises(NotFoundError):
+        read("a" * 300)
+
+
 def test_columns_that_are_no_numbers(root):
     put_tiles(root / "north", layout=typed(layouts.TILEREF, {"fac_id": "F"}))
-    with pytest.raises(VpfFormatError, match=r"tileref\.aft: column 'fac_id': found no whole numbers"):
+    with pytest.raises(VpfFormatError, match=r"tileref\.aft: column 'fac_id': found type F,1, expected I or S or K"):
         _ = open_database(root).libraries["north"].tiles
     put_cat(root / "north", layout=renamed(layouts.CAT, {"coverage_name": "name"}))
     with pytest.raises(VpfFormatError, match="cat: column 'coverage_name'"):
@@ -410,7 +447,7 @@ def test_links_out_of_the_database(root, tmp_path):
 def test_pipes_are_not_opened(root):
     os.mkfifo(root / "north" / "road" / "int.vdt")
     with pytest.raises(VpfFormatError, match="found a device or a pipe"):
-        open_database(root).libraries["north"].coverages["road"].value_descriptions()
+        _ = open_database(root).libraries["north"].coverages["road"].value_descriptions
 
 
 @settings(max_examples=200, deadline=None)
@@ -451,10 +488,9 @@ def shape(layout):
 TEXT_CLASS = [Column("f_code", "T", 5), Column("symbol_id", "S")]
 LAYOUTS = [getattr(layouts, name) for name in layouts.__all__ if isinstance(getattr(layouts, name), Layout)] + [
     layouts.char_vdt(5), layouts.fca(), layouts.fca(30), layouts.fit(is_tiled=True), layouts.fit(is_tiled=False),
-    *(make(kind) for kind in layouts.COORDINATES for make in (layouts.end, layouts.edg, layouts.txt)),
-    *(layouts.edg("C", topology=level) for level in range(4)), layouts.cnd("C", is_tiled=False),
+    *(layouts.edg(kind) for kind in layouts.COORDINATES), layouts.cnd("C", is_tiled=False),
     layouts.cnd("Y", is_tiled=True), *(layouts.feature("A", [], name, is_tiled=True) for name in layouts.PRIMITIVES),
-    layouts.join("A", "a_id", "fac", is_tiled=False, attributes=[Column("share", "R")]),
+    layouts.join("A", "a_id", "fac", is_tiled=False),
 ]  # fmt: skip
 
 
@@ -462,7 +498,7 @@ LAYOUTS = [getattr(layouts, name) for name in layouts.__all__ if isinstance(geta
 def test_layouts_are_taken_by_every_reader(layout):
     check_layout(layout)
     assert layout.columns[0][:4] == ("id", "I", 1, "P")
-    assert all(column.description for column in layout.columns if column.name != "share")
+    assert all(column.description for column in layout.columns)
     assert all(column.name == column.name.lower() for column in layout.columns)
 
 
@@ -473,13 +509,11 @@ def test_layouts_of_primitives():
     ]  # fmt: skip
     assert shape(layouts.cnd("Y", is_tiled=True)) == ["id I,1", "first_edge K,1", "coordinate Y,1"]
     assert shape(layouts.cnd("C", is_tiled=False)) == ["id I,1", "first_edge I,1", "coordinate C,1"]
-    assert shape(layouts.end("C", topology=0)) == ["id I,1", "coordinate C,1"]
     assert shape(layouts.FBR) == ["id I,1", "xmin F,1", "ymin F,1", "xmax F,1", "ymax F,1"]
     assert shape(layouts.RNG) == ["id I,1", "face_id I,1", "start_edge I,1"]
     assert shape(layouts.TILEREF) == ["id I,1", "tile_name T,*", "fac_id I,1"]
-    feature = layouts.feature("Faces", [Column("f_code", "T", 5)], "fac", is_tiled=True, tile_index="tile1.ati")
+    feature = layouts.feature("Faces", [Column("f_code", "T", 5)], "fac", is_tiled=True)
     assert shape(feature) == ["id I,1", "f_code T,5", "tile_id S,1", "fac_id I,1"]
-    assert feature.columns[2].index == "tile1.ati"
     assert shape(layouts.feature("Lakes", [], "", is_tiled=True)) == ["id I,1"]
 
 
@@ -510,12 +544,10 @@ def test_primitive_that_is_none():
         ("texash/bnd/char.vdt", layouts.char_vdt(5), {"attribute", "description"}),
         ("texash/bnd/f/j/hb/1500/cnd", layouts.cnd("Z", is_tiled=False), set()),
         ("texash/bnd/f/j/hb/1500/edg", layouts.edg("Z"), set()),
-        ("texash/bnd/f/j/hb/1500/end", layouts.end("Z"), set()),
         ("texash/bnd/f/j/hb/1500/fac", layouts.FAC, set()),
         ("texash/bnd/f/j/hb/1500/rng", layouts.RNG, set()),
         ("texash/bnd/f/j/hb/1500/ebr", layouts.EBR, set()),
         ("texash/bnd/f/j/hb/1500/fbr", layouts.FBR, set()),
-        ("texash/bnd/f/j/hb/1500/txt", layouts.txt("C"), set()),
         ("texash/tileref/tileref.aft", layouts.TILEREF, {"tile_name"}),
         ("texash/bnd/bndtxt.tft", layouts.feature("", TEXT_CLASS, "txt", is_tiled=True), set()),
     ],
@@ -558,7 +590,7 @@ def test_real_database(start):
     assert counts == {"markersp": 40, "polbndl": 2, "polbnda": 6, "bndtxt": 4}
     primitives = {name: read_table(coverage.table(name, 1)).n_row for name in ("edg", "cnd", "end", "fac", "txt")}
     assert primitives == {"edg": 23, "cnd": 18, "end": 40, "fac": 7, "txt": 4}
-    descriptions = coverage.value_descriptions()
+    descriptions = coverage.value_descriptions
     assert descriptions["polbnda.aft", "f_code"]["FA001"] == "Administrative Area"
     assert len(coverage.problems) == 2, "two classes of fca whose relations are not in this extract"
 

@@ -103,6 +103,9 @@ def test_dump_of_every_type(run, tmp_path):
         "c_X": "", "c_line": "0.0 0.0 1.0, 1.0 0.5 2.0", "c_text": "x\\x1b[0m", "c_two": "1.0 2.0, 3.0 4.0",
     }  # fmt: skip
     assert second == {name: "2" if name == "id" else "" for name in second}
+    path.write_bytes(path.read_bytes().replace(b"c_text", b"c_\x1bext"))
+    assert "c_\\x1bext" in run("dump", path)[1]
+    path.write_bytes(path.read_bytes().replace(b"c_\x1bext", b"c_text"))
     code, out, err = run("dump", path, "--format", "json", "--rows", "1:1")
     (row,) = json.loads(out)
     assert row["c_line"] == [[0, 0, 1], [1, 0.5, 2]]

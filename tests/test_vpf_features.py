@@ -22,7 +22,8 @@ import vpfx
 from vpfx.errors import NotFoundError, VpfFormatError, VpfxError
 from vpfx.export import EXPORTERS
 from vpfx.registry import pick
-from vpfx.vpf.decode import iso_date
+from vpfx.vpf import reader
+from vpfx.vpf.fields import iso_date
 from vpfx.vpf.geometry import face_polygons
 from vpfx.vpf.merge import merge_parts
 from vpfx.vpf.opening import feature_classes, open_coverages
@@ -242,6 +243,50 @@ def test_a_broken_tile_leaves_the_others(tmp_path):
     found = read(path, "area")
     assert "00/01/edg" in found.problems[0]
     assert sum(area is not None for area in found.geometry) > 3
+
+
+def test_what_fca_says_of_a_class_changes_no_geometry(tmp_path):
+    """A class of lines that is said to be one of points, of areas, of texts, or complex."""
+    path = write_database(tmp_path / "db", ground_of())
+    before = read(path, "line").geometry
+    table = path / "lib/land/fca"
+    data = table.read_bytes()
+    for kind in (b"P", b"A", b"T", b"C"):
+        table.write_bytes(data.replace(b"line    L", b"line    " + kind))
+        assert table.read_bytes() != data
+        assert all(line.equals(other) for line, other in zip(read(path, "line").geometry, before, strict=True))
+
+
+def test_many_tiles_that_are_not_there(tmp_path, monkeypatch):
+    """Each row in a tile of its own that no library has: the edges of the coverage are read once, or nothing is."""
+    ground = ground_of(tile=0)
+    path = write_database(tmp_path / "db", ground)
+    joins = [(i, 1, i, 1 + i % 3) for i in range(1, 2001)]
+    write(path / "lib/land", Style(), "line.ljt", [ID, *(col(n, "I") for n in ("line_id", "tile_id", "edg_id"))], joins)
+    opened = []
+    monkeypatch.setattr(reader, "read_table", lambda table: opened.append(table.name) or read_table(table))
+    found = read(path, "line")
+    assert opened.count("edg") == 1
+    assert found.geometry[0].equals(shapely.union_all([shapely.LineString(e.places) for e in ground.whole.edges[:3]]))
+    (path / "lib/land/edg").unlink()
+    found = read(path, "line")
+    assert "2,000 primitives of edg lie in tiles that are missing: tiles 1, 2, 3, 4, 5, …" in found.problems[0]
+
+
+def test_a_face_of_several_areas(tmp_path):
+    """Islands that are given one id come out together, and the faces beside them as they are."""
+    labels = np.zeros((3, 5), int)
+    labels[1, 1], labels[1, 3] = 1, 2
+    ground = Map(labels)
+    (tile,) = ground.tiles
+    first, second = (ground.whole.face_at[cell] for cell in ((1, 1), (1, 3)))
+    for edge in tile.edges:
+        edge.right_face, edge.left_face = (first if x == second else x for x in (edge.right_face, edge.left_face))
+    path = write_database(tmp_path / "db", ground)
+    faces = face_polygons(read_table(path / "lib/land/edg"))
+    found = dict(zip(faces.ids.tolist(), faces.polygons, strict=True))
+    assert second not in found
+    assert found[first].equals(shapely.union_all([ground.square((1, 1)), ground.square((1, 3))]))
 
 
 def test_what_has_no_shape(tmp_path):

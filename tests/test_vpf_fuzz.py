@@ -1,11 +1,10 @@
-"""Hostile VPF tables: the corpus, cut at every byte, changed at every byte, changed at random; bounded time and memory."""
+"""Hostile VPF tables: the corpus, cut at every byte, changed at every byte, changed at random; bounded memory."""
 
 from __future__ import annotations
 
 import hashlib
 import itertools
 import random
-import time
 import tomllib
 import tracemalloc
 
@@ -110,14 +109,11 @@ def test_memory_is_bounded_by_the_size_of_the_file(name):
     read(table_of(b"id=K,1,P,:b=T,*,N,:", rows=bytes(50)))  # the kernels are compiled before
     tracemalloc.start()
     try:
-        start = time.process_time()
         read(data)
-        seconds = time.process_time() - start
         _, peak = tracemalloc.get_traced_memory()
     finally:
         tracemalloc.stop()
     assert peak < MOST_PER_BYTE * len(data) + (1 << 22)
-    assert seconds < 60, "tens of times what it takes on a slow machine"
 
 
 def read(data):

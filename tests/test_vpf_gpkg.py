@@ -270,6 +270,12 @@ def test_digest_of_what_was_read(database):
     assert layer_source(database, "land/line") == (digest, n_byte)
 
 
+def test_a_guess_of_the_crs_is_a_warning(database):
+    (database / "lib/grt").unlink(missing_ok=True)
+    with pytest.warns(VpfxWarning, match="grt: found no datum, took WGS 84"):
+        read_features(database, "EPSG:4326", EXTENT, layer="land/line")
+
+
 def test_problems_are_warnings(database):
     shutil.rmtree(database / "lib/land/00/01")
     with pytest.warns(VpfxWarning, match="lie in tiles that are missing: tiles 2"):

@@ -107,10 +107,9 @@ def test_worked_tree():
 @given(
     boxes=st.lists(rectangle, max_size=120),
     queries=st.lists(rectangle, min_size=1, max_size=5),
-    has_tree=st.booleans(),
 )
-def test_every_box_is_found(boxes, queries, has_tree):
-    data = spatial_index.build(np.array(boxes).reshape(-1, 4), (-20, -20, 20, 20), has_tree=has_tree)
+def test_every_box_is_found(boxes, queries):
+    data = spatial_index.build(np.array(boxes).reshape(-1, 4), (-20, -20, 20, 20))
     index = spatial_index.read(data)
     assert len(index.misplaced) == 0
     step = 40 / 255

@@ -11,6 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from vpfx.errors import InputError, VpfFormatError
+from vpfx.vpf.schema import value_descriptions
 from vpfx.vpf.table import Column, Layout, Ragged, decode, encode, read_table
 from vpfx.vpf.values import (
     NULL_DATE,
@@ -21,7 +22,6 @@ from vpfx.vpf.values import (
     parse_date,
     ragged,
     texts,
-    value_descriptions,
 )
 
 ID = Column("id", "I", 1, "P", "Row id")
@@ -246,7 +246,7 @@ def test_real_dates():
 
 def test_real_values_are_described():
     folder = shared_vpf("vm2alv2_texash/texash/bnd/int.vdt").parent
-    numbers, letters = (value_descriptions(read_table(folder / name).columns) for name in ("int.vdt", "char.vdt"))
+    numbers, letters = (value_descriptions(read_table(folder / name)) for name in ("int.vdt", "char.vdt"))
     assert sum(map(len, numbers.values())) == 38
     assert sum(map(len, letters.values())) == 25
     assert letters["markersp.pft", "f_code"]["AL025"] == "Cairn"
@@ -261,9 +261,11 @@ def test_the_first_description_counts():
     layout = Layout("Values", (ID, *(Column(name, "T", 8) for name in ("table", "attribute")), Column("value", "I"),
                                Column("description", "T", -1)))  # fmt: skip
     table = decode(*encode(layout, columns))
-    assert value_descriptions(table.columns) == {("a.lft", "acc"): {1: "first"}, ("a.lft", "hdp"): {NULL_INT: ""}}
-    with pytest.raises(VpfFormatError, match="found no column 'value'"):
-        value_descriptions({name: column for name, column in table.columns.items() if name != "value"})
+    assert value_descriptions(table) == {("a.lft", "acc"): {1: "first"}, ("a.lft", "hdp"): {NULL_INT: ""}}
+    rows = {name: column for name, column in columns.items() if name != "value"}
+    table = decode(*encode(layout._replace(columns=layout.columns[:3] + layout.columns[4:]), rows))
+    with pytest.raises(VpfFormatError, match="column 'value': found none"):
+        value_descriptions(table)
 
 
 def test_null_constants():

@@ -13,8 +13,7 @@ from vpfx.cli.query_sight import sight, viewshed
 from vpfx.cli.sql import sql
 from vpfx.cli.store import info, plot
 from vpfx.cli.validate import validate
-from vpfx.cli.vpf import dump, ls, vpf
-from vpfx.cli.vpf_gpkg import to_gpkg
+from vpfx.cli.vpf import dump, ls, to_gpkg, vpf
 
 __all__ = [
     "app",

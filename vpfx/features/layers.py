@@ -169,7 +169,7 @@ def _format_of(name: str, full: str) -> str:
     except OSError as error:
         raise FeatureFormatError(name, "", f"cannot be read: {error.strerror}") from error
     for driver, start in FORMATS.items():
-        if head.startswith(start.lstrip(b" \t\r\n")):
+        if head.startswith(start):
             return driver
     raise FeatureFormatError(name, "", f"found another format, or a broken file; expected {', '.join(FORMATS)}")
 

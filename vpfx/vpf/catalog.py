@@ -11,6 +11,7 @@ broken raises when it is asked for, so one bad coverage does not hide the others
 
 from __future__ import annotations
 
+import os
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -21,19 +22,19 @@ from numpy.typing import NDArray
 
 from vpfx.errors import NotFoundError, VpfFormatError
 from vpfx.model import Extent
+from vpfx.vpf import schema
+from vpfx.vpf.header import TEXT_KINDS
 from vpfx.vpf.paths import check_name, find, split
-from vpfx.vpf.schema import FeatureClass, Join, Relation, classes_of, read_bounded, read_kinds, read_relations
-from vpfx.vpf.table import Ragged, Table
-from vpfx.vpf.values import NULL_INT, NULL_SHORT, texts, value_descriptions
+from vpfx.vpf.schema import FeatureClass, Relation, read_bounded
+from vpfx.vpf.table import Table, open_table
+from vpfx.vpf.values import texts
 
-__all__ = [
-    "Coverage", "Database", "FeatureClass", "Join", "Library", "Relation", "TilePath", "open_database",
-]  # fmt: skip
+__all__ = ["Coverage", "Database", "Library", "TilePath", "open_database", "open_library"]
 
 MOST_VALUES = 1_000_000
 """Rows of a table of value descriptions."""
 
-_NO_LEVELS = (NULL_SHORT, NULL_SHORT + 1, NULL_INT, NULL_INT + 1)
+MOST_TILE_ID = 2**31 - 1  # 0 is the coverage itself
 
 
 class TilePath(NamedTuple):
@@ -76,7 +77,7 @@ class Coverage:
             The table is broken or names what no file can be called.
         """
         path = self.find("fcs")
-        return () if path is None else read_relations(path)
+        return () if path is None else schema.read_relations(path)
 
     @property
     def classes(self) -> dict[str, FeatureClass]:
@@ -90,17 +91,18 @@ class Coverage:
         return self._schema[0]
 
     @property
-    def problems(self) -> tuple[str, ...]:
-        """What the schema names but does not explain; lines as of errors."""
+    def problems(self) -> dict[str, str]:
+        """Lines on classes that the schema names but does not explain, by their names in lower case; of itself by ``""``."""
         return self._schema[1]
 
     @cached_property
-    def _schema(self) -> tuple[dict[str, FeatureClass], tuple[str, ...]]:
+    def _schema(self) -> tuple[dict[str, FeatureClass], dict[str, str]]:
         path = self.find("fca")
-        classes, problems = classes_of(self.relations, {} if path is None else read_kinds(path), str(self.path))
+        kinds = {} if path is None else schema.read_kinds(path)
+        classes, problems = schema.classes_of(self.relations, kinds, str(self.path))
         if self.find("fcs") is None:
             message = "found no table fcs, expected the feature class schema"
-            problems = (str(VpfFormatError(str(self.path), "", message, "V-204")), *problems)
+            problems = {"": str(VpfFormatError(str(self.path), "", message, "V-204")), **problems}
         return classes, problems
 
     def find(self, name: str, tile_id: int = 0) -> Path | None:
@@ -137,6 +139,7 @@ class Coverage:
             raise NotFoundError(f"{self.path}: {tile}found no table {name!r}")
         return path
 
+    @cached_property
     def value_descriptions(self) -> dict[tuple[str, str], dict[int | str, str]]:
         """What coded values mean, by table and column in lower case; of what is described twice the first counts.
 
@@ -149,9 +152,7 @@ class Coverage:
         for name in ("int.vdt", "char.vdt"):
             path = self.find(name)
             if path is not None:
-                table = read_bounded(path, MOST_VALUES)
-                needed = {column: table[column] for column in ("table", "attribute", "value", "description")}
-                for key, described in value_descriptions(needed).items():
+                for key, described in schema.value_descriptions(read_bounded(path, MOST_VALUES)).items():
                     found[key] = described | found.get(key, {})
         return found
 
@@ -183,13 +184,13 @@ class Library:
         if path is None:
             raise NotFoundError(f"{self.path}: found no table cat, expected the list of coverages")
         table = read_bounded(path)
-        descriptions = texts(table["description"]) if "description" in table else [None] * table.n_row
-        levels = _numbers(table, "level")
+        descriptions = table.texts("description") if "description" in table else [None] * table.n_row
+        levels = table.whole_numbers("level") if "level" in table else None
         coverages: dict[str, Coverage] = {}
         missing = []
         for i, name in enumerate(_names(table, "coverage_name")):
             folder = find(self.path, name, within=self.root)
-            level = None if levels is None or levels[i] in _NO_LEVELS else int(levels[i])
+            level = None if levels is None or levels[i] < 0 else int(levels[i])  # nulls are below 0
             if folder is None or not folder.is_dir():
                 missing.append(name)
             else:
@@ -237,7 +238,7 @@ class Library:
 
     @property
     def problems(self) -> tuple[str, ...]:
-        """Rows of ``tileref.aft`` whose names lead elsewhere (V-202), so are no tiles; lines as of errors.
+        """Rows of ``tileref.aft`` that are no tiles: names lead elsewhere (V-202), or ids are none; lines as of errors.
 
         Raises
         ------
@@ -257,20 +258,27 @@ class Library:
         if path is None:
             return {}, ()
         table = read_bounded(path)
-        ids, faces = _numbers(table, "id"), _numbers(table, listed[0].prim_key if listed else "fac_id")
-        rows = np.arange(1, table.n_row + 1)
-        extents = _extents(coverage, rows if faces is None else faces)
+        face = listed[0].prim_key if listed else "fac_id"
+        ids, faces = (
+            table.whole_numbers(name) if name in table else np.arange(1, table.n_row + 1) for name in ("id", face)
+        )
+        extents = _extents(coverage, faces)
         tiles: dict[int, TilePath] = {}
         problems = []
-        for i, name in enumerate(texts(table["tile_name"])):
+        for row, (tile_id, name, extent) in enumerate(
+            zip(ids.tolist(), table.texts("tile_name"), extents, strict=True), 1
+        ):
             if name is None or not name.strip("\\/ "):
                 continue
             try:
-                parts = split(name, f"{path}: row {i + 1}")
+                parts = split(name, f"{path}: row {row}")
+                if not 1 <= tile_id <= MOST_TILE_ID:
+                    found = f"found the id {tile_id}, expected 1 to {MOST_TILE_ID}"
+                    raise VpfFormatError(str(path), f"row {row}", found, "V-206")
             except VpfFormatError as error:
                 problems.append(f"{error}; it is no tile")
                 continue
-            tiles.setdefault(int((rows if ids is None else ids)[i]), TilePath(name, "/".join(parts), extents[i]))
+            tiles.setdefault(tile_id, TilePath(name, "/".join(parts), extent))
         return tiles, tuple(problems)
 
 
@@ -312,10 +320,6 @@ def open_database(path: Path | str) -> Database:
         A directory with ``lat``; or one with ``cat``, whose ``lat`` may stand in the directory above: then the database
         has this library alone.
 
-    Returns
-    -------
-    Database
-
     Raises
     ------
     NotFoundError
@@ -330,7 +334,7 @@ def open_database(path: Path | str) -> Database:
     vpfx.errors.NotFoundError: nowhere: found no directory, expected a VPF database or a library of one
     """
     root = Path(path)
-    if not root.is_dir():
+    if not os.path.isdir(root):
         raise NotFoundError(f"{path}: found no directory, expected a VPF database or a library of one")
     lat = find(root, "lat")
     if lat is not None:
@@ -338,19 +342,23 @@ def open_database(path: Path | str) -> Database:
         return Database(root, libraries, missing)
     if find(root, "cat") is None:
         raise NotFoundError(f"{path}: found neither lat nor cat, expected a VPF database or a library of one")
-    root = root.resolve()
-    lat = find(root.parent, "lat")
-    known = {} if lat is None else _libraries(root.parent, lat)[0]
-    library = known.get(root.name.lower(), Library(root, root.name, None, root.parent))
-    return Database(root.parent, {library.name.lower(): library})
+    library = open_library(root)
+    return Database(library.root, {library.name.lower(): library})
+
+
+def open_library(path: Path) -> Library:
+    """Open a directory with ``cat`` as `open_database` does, also where it has a ``lat`` as well."""
+    path = path.resolve()
+    lat = find(path.parent, "lat")
+    known = {} if lat is None else _libraries(path.parent, lat)[0]
+    return known.get(path.name.lower(), Library(path, path.name, None, path.parent))
 
 
 def _libraries(root: Path, lat: Path) -> tuple[dict[str, Library], tuple[str, ...]]:
     table = read_bounded(lat)
-    corners = np.stack([table[name].astype(np.float64) for name in ("xmin", "ymin", "xmax", "ymax")], axis=1)
     libraries: dict[str, Library] = {}
     missing = []
-    for name, corner in zip(_names(table, "library_name"), corners.tolist(), strict=True):
+    for name, corner in zip(_names(table, "library_name"), table.rectangles().tolist(), strict=True):
         folder = find(root, name)
         if folder is None or not folder.is_dir():
             missing.append(name)
@@ -361,18 +369,8 @@ def _libraries(root: Path, lat: Path) -> tuple[dict[str, Library], tuple[str, ..
 
 def _names(table: Table, column: str) -> list[str]:
     """Names of directories in a column, checked."""
-    names = [(name or "").strip() for name in texts(table[column])]
+    names = [(name or "").strip() for name in table.texts(column)]
     return [check_name(name, table.path, f"row {i}") for i, name in enumerate(names, 1)]
-
-
-def _numbers(table: Table, column: str) -> NDArray[Any] | None:
-    """Whole numbers of a column, the ids of triplets; None if there is no such column."""
-    if column not in table:
-        return None
-    values = table[column]
-    if isinstance(values, Ragged) or values.dtype.kind not in "iu":
-        raise VpfFormatError(table.path, f"column {column!r}", "found no whole numbers, expected type I, S or K")
-    return values if values.ndim == 1 else values[:, 0]
 
 
 def _extents(coverage: Coverage, faces: NDArray[Any]) -> list[Extent | None]:
@@ -380,19 +378,20 @@ def _extents(coverage: Coverage, faces: NDArray[Any]) -> list[Extent | None]:
     path = coverage.find("fbr")
     if path is None:
         return [None] * len(faces)
-    table = read_bounded(path)
-    corners = np.stack([table[name].astype(np.float64) for name in ("xmin", "ymin", "xmax", "ymax")], axis=1)
+    corners = read_bounded(path).rectangles()
     return [Extent(*corners[face - 1].tolist()) if 1 <= face <= len(corners) else None for face in faces.tolist()]
 
 
 def _first_row(path: Path | None) -> dict[str, Any]:
     if path is None:
         return {}
-    table = read_bounded(path)
+    with open_table(path) as file:
+        table = file.read(0, 1)
     row: dict[str, Any] = {}
-    for name, values in table.columns.items() if table.n_row else ():
-        if isinstance(values, Ragged) or values.dtype.kind == "S":
-            row[name] = texts(values)[0]
+    for column in table.layout.columns if table.n_row else ():
+        values = table[column.name]
+        if column.kind in TEXT_KINDS + "D":
+            row[column.name.lower()] = texts(values)[0]
         else:
-            row[name] = values[0].item() if values.ndim == 1 else None
+            row[column.name.lower()] = values.tolist()[0] if column.count == 1 and column.kind in "SIFR" else None
     return row

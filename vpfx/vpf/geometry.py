@@ -13,10 +13,9 @@ import shapely
 from numpy.typing import NDArray
 
 from vpfx.errors import VpfFormatError
-from vpfx.vpf.face_rings import find_rings, rings_of
-from vpfx.vpf.rings import Rings, WingedEdges
+from vpfx.vpf.rings import Rings, WingedEdges, find_rings, rings_of
 from vpfx.vpf.table import Table
-from vpfx.vpf.values import Ragged, texts
+from vpfx.vpf.values import Ragged
 
 __all__ = [
     "Faces",
@@ -43,7 +42,7 @@ class Faces(NamedTuple):
         Ascending. The universe is not among them: it has no outer ring.
     polygons : object (n,)
     mended, lost : int64
-        Ids of faces whose rings the links alone do not give, and of those that have none (`vpfx.vpf.face_rings.FoundRings`).
+        Ids of faces whose rings the links alone do not give, and of those that have none (`vpfx.vpf.rings.FoundRings`).
     """
 
     ids: Ids
@@ -60,11 +59,7 @@ def ids_of(table: Table, name: str) -> Ids:
     VpfFormatError
         There is no such column, or it is of another type.
     """
-    column = table[name]
-    if isinstance(column, Ragged) or column.dtype.kind != "i" or column.shape[1:] not in ((), (3,)):
-        raise VpfFormatError(table.path, f"column {name}", "found another type, expected I, S or K", "V-401")
-    ids = column[:, 0] if column.ndim == 2 else column
-    return np.maximum(ids.astype(np.int64), 0)
+    return np.maximum(table.whole_numbers(name), 0)
 
 
 def winged_edges(table: Table) -> WingedEdges:
@@ -157,7 +152,7 @@ def text_places(table: Table) -> tuple[list[str | None], Geometries]:
     found = _lines(places)
     is_point = places.counts == 1
     found[is_point] = _points(places, is_point)[is_point]
-    return texts(table["string"]), found
+    return table.texts("string"), found
 
 
 def _sound(places: Ragged) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
@@ -272,8 +267,9 @@ def _polygons(rings: Ragged, used: Ids, ring_face: Ids, is_outer: NDArray[np.boo
     is_plain = n_outer == 1
     polygons: Geometries = np.full(len(faces), None, object)
     order = np.lexsort([~outer, number])  # of each face, the outer ring first
-    order = order[is_plain[number[order]]]
+    several, order = order[~is_plain[number[order]]], order[is_plain[number[order]]]
     polygons[is_plain] = shapely.polygons(lines[order], indices=(np.cumsum(is_plain) - 1)[number[order]])
-    for i in np.flatnonzero(~is_plain):  # damaged: several areas apart have one id
-        polygons[i] = shapely.build_area(shapely.multilinestrings(lines[number == i]))
+    if len(several):  # damaged: several areas apart have one id
+        together = (np.cumsum(~is_plain) - 1)[number[several]]
+        polygons[~is_plain] = shapely.build_area(shapely.multilinestrings(lines[several], indices=together))
     return polygons

@@ -23,9 +23,11 @@ from pyproj.exceptions import CRSError
 
 from vpfx.errors import InputError, NotFoundError, StoreError, VpfxError
 from vpfx.vpf.catalog import Coverage
-from vpfx.vpf.opening import PRIMITIVES, feature_classes, open_coverages
+from vpfx.vpf.fields import free_name
+from vpfx.vpf.layers import crs_of
+from vpfx.vpf.layouts import PRIMITIVES
+from vpfx.vpf.opening import feature_classes, open_coverages
 from vpfx.vpf.reader import FeatureRows, has_faces, read_class, read_primitives, tiles_of
-from vpfx.vpf.reference import crs_of
 
 __all__ = ["LayerSummary", "Written", "write_gpkg"]
 
@@ -35,7 +37,6 @@ FAMILIES = (
 )  # fmt: skip
 """Numbers that shapely has for single and multiple geometries, the name, and how one becomes multiple."""
 
-KINDS = {"edg": "L", "fac": "A", "end": "P", "cnd": "P", "txt": "T"}
 OF_KIND = {"P": "Point", "L": "LineString", "A": "Polygon", "T": "Point"}
 GDAL_OPTIONS = {
     "OGR_CURRENT_DATE": "1970-01-01T00:00:00.000Z",  # of last change: the same input gives the same bytes
@@ -150,10 +151,11 @@ def _layers(
             classes, told = {}, (str(error),)
         problems += told
         for key, found in classes.items():
-            yield _free(f"{start}_{key}", taken), coverage, found.kind, partial(read_class, coverage, found)
+            kind = PRIMITIVES.get(found.primitive, "C")  # whatever fca says
+            yield _free(f"{start}_{key}", taken), coverage, kind, partial(read_class, coverage, found)
         for primitive in _primitives(coverage, problems) if primitives else ():
             name = _free(f"{start}_{primitive}", taken)
-            yield name, coverage, KINDS[primitive], partial(read_primitives, coverage, primitive)
+            yield name, coverage, PRIMITIVES[primitive], partial(read_primitives, coverage, primitive)
 
 
 def _primitives(coverage: Coverage, problems: list[str]) -> list[str]:
@@ -213,7 +215,8 @@ def _write_layer(path: Path, name: str, rows: FeatureRows, kind: str, crs: str |
     """Add a layer to a GeoPackage."""
     geometry, geometry_type = _one_type(rows.geometry, kind)
     fields = list(rows.fields)
-    options = {"FID": _apart("fid", fields), "GEOMETRY_NAME": _apart("geom", fields)}
+    taken = set(fields)
+    options = {"FID": free_name("fid", taken), "GEOMETRY_NAME": free_name("geom", taken)}
     pyogrio.raw.write(
         str(path), None if kind == "C" else shapely.to_wkb(geometry),
         [rows.fields[field].values for field in fields], np.array(fields, object),
@@ -222,13 +225,6 @@ def _write_layer(path: Path, name: str, rows: FeatureRows, kind: str, crs: str |
     )  # fmt: skip
     n_lost = int(shapely.is_missing(geometry).sum()) if kind != "C" else 0
     return LayerSummary(name, geometry_type or "none", len(geometry), n_lost)
-
-
-def _apart(name: str, fields: Sequence[str]) -> str:
-    """Return a name that no field has."""
-    while name in fields:
-        name += "_"
-    return name
 
 
 def _one_type(geometry: NDArray[np.object_], kind: str) -> tuple[NDArray[np.object_], str | None]:

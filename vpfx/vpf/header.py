@@ -245,7 +245,7 @@ def _parse_column(text: str, path: str) -> Column:
     is_number = re.fullmatch("[0-9]{1,9}", count) is not None
     if count != "*" and not (is_number and 1 <= int(count) <= MOST_COUNT):
         raise VpfFormatError(path, where, f"found count {count[:20]!r}, expected 1 to {MOST_COUNT} or *", "V-111")
-    if (kind == "K" and count != "1") or (kind == "X" and count == "*"):
+    if (kind in "DK" and count != "1") or (kind == "X" and count == "*"):
         raise VpfFormatError(path, where, f"found {kind},{count}, expected {kind},1", "V-111")
     return Column(name, kind, COUNTED if count == "*" else int(count), key or "N", description, *map(_name, names))
 
@@ -282,8 +282,8 @@ def check_layout(layout: Layout, path: str = "table") -> None:
     Traceback (most recent call last):
     vpfx.errors.InputError: rng: description: found 'Rings: all', expected ASCII without ; : , = \ " # (V-104)
     """
-    _check_text(layout.description, "description", 80, path)
-    _check_text(layout.narrative, "narrative", 12, path)
+    for field in ("description", "narrative"):
+        _check_text(getattr(layout, field), field, _LIMITS[field], path)
     if layout.order not in ("<", ">"):
         raise InputError(f"{path}: found byte order {layout.order!r}, expected '<' or '>' (V-101)")
     names = [column.name.lower() for column in layout.columns]

@@ -1,6 +1,6 @@
-"""A directory of VPF as vector layers, one a feature class: their names, one of them, and what it was read from.
+"""A directory of VPF as vector layers, one a feature class: their names, one of them, its CRS, and what it was read from.
 
-Source: specs/vpf.md, V-450, V-451.
+Source: specs/vpf.md, V-404, V-450, V-451.
 """
 
 from __future__ import annotations
@@ -13,13 +13,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vpfx.errors import InputError, VpfFormatError
-from vpfx.vpf.catalog import Coverage, FeatureClass
-from vpfx.vpf.decode import Field
+from vpfx.vpf.catalog import Coverage
+from vpfx.vpf.fields import Field
 from vpfx.vpf.opening import feature_classes, open_coverages
 from vpfx.vpf.reader import class_tables, read_class
-from vpfx.vpf.reference import crs_of
+from vpfx.vpf.schema import FeatureClass
 
-__all__ = ["VpfLayer", "layer_names", "layer_source", "read_layer"]
+__all__ = ["VpfLayer", "crs_of", "layer_names", "layer_source", "read_layer"]
+
+DATUMS = {"WGE": 4326, "WGC": 4322, "NAR": 4269, "NAS": 4267, "EUR": 4230}
+"""EPSG codes of geographic CRSs by the code of their geodetic datum in ``grt``."""
 
 DIGEST_CHUNK = 1 << 20  # bytes read at a time
 
@@ -88,8 +91,34 @@ def read_layer(path: Path | str, layer: str) -> VpfLayer:
     """
     coverage, found = _one(path, layer)
     rows = read_class(coverage, found)
-    crs, _ = crs_of(coverage)
-    return VpfLayer(rows.geometry, rows.fields, crs, rows.problems)
+    crs, guess = crs_of(coverage)
+    return VpfLayer(rows.geometry, rows.fields, crs, (guess, *rows.problems) if guess and crs else rows.problems)
+
+
+def crs_of(coverage: Coverage) -> tuple[str | None, str]:
+    """CRS of a coverage, and what is to be said of it.
+
+    Parameters
+    ----------
+    coverage : Coverage
+        Of a library with ``grt``; without, its places are taken for degrees.
+
+    Returns
+    -------
+    str or None
+        Such as ``EPSG:4326``; None if it is not known: the library is projected, or in units of a table.
+    str
+        A line on a guess; empty if there is none.
+    """
+    reference = coverage.library.reference
+    kind, datum = (str(reference.get(name) or "").upper() for name in ("data_type", "geo_datum_code"))
+    where = f"{coverage.library.path}: grt"
+    if kind not in ("", "GEO"):
+        return None, f"{where}: found data type {kind}, whose CRS is not told"
+    if datum in DATUMS:
+        return f"EPSG:{DATUMS[datum]}", ""
+    found = f"found datum {datum!r}" if datum else "found no datum"
+    return "EPSG:4326", f"{where}: {found}, took WGS 84"
 
 
 def layer_source(path: Path | str, layer: str) -> tuple[str, int]:

@@ -1,4 +1,4 @@
-"""The standard tables of VPF as data: columns in their order, with the widths to write (specs/vpf.md, V-250 to V-256).
+"""The tables of VPF that are written, as data: columns in their order, with the widths to write (specs/vpf.md, V-250 to V-256).
 
 The first line is the description; each other line is a column: name, type, elements, key, description. Tables whose
 columns hang on the coverage are functions: what is the type of coordinates, are there tiles.
@@ -12,14 +12,14 @@ from vpfx.errors import InputError
 from vpfx.vpf.header import COUNTED, Column, Layout
 
 __all__ = [
-    "CAT", "COORDINATES", "DHT", "DOC", "DQT", "EBR", "FAC", "FBR", "FCS", "GRT", "INT_VDT", "LAT", "LHT",
-    "PRIMITIVES", "RNG", "TILEREF", "char_vdt", "cnd", "edg", "end", "fca", "feature", "fit", "join", "txt",
+    "CAT", "COORDINATES", "DHT", "DQT", "EBR", "FAC", "FBR", "FCS", "GRT", "INT_VDT", "LAT", "LHT",
+    "PRIMITIVES", "RNG", "TILEREF", "char_vdt", "cnd", "edg", "fca", "feature", "fit", "join",
 ]  # fmt: skip
 
 COORDINATES = "CZBY"
 """Types of coordinates: x and y, with z, in single and in double precision."""
 
-PRIMITIVES = {"end": "P", "cnd": "P", "edg": "L", "fac": "A", "txt": "T"}
+PRIMITIVES = {"edg": "L", "fac": "A", "end": "P", "cnd": "P", "txt": "T"}
 """Tables of primitives, and the type of the feature classes on them."""
 
 _TILE = "tile_id S 1 N Tile as row of tileref.aft"
@@ -198,12 +198,6 @@ TILEREF = _table("""
         fac_id    I 1 N Face of the tile
 """)
 
-DOC = _table("""
-    Narrative Table
-        id   I 1 P Row id
-        text T * N Text
-""")
-
 
 def char_vdt(width: int, kind: str = "T") -> Layout:
     """``char.vdt``: descriptions of coded texts; `width` is that of the widest value, `kind` T or L.
@@ -236,28 +230,6 @@ def fca(width: int | None = None) -> Layout:
     """)
 
 
-def end(coordinate: str, *, topology: int = 3) -> Layout:
-    """``end``: entity nodes; at topology level 3 with the face they lie in.
-
-    Raises
-    ------
-    InputError
-        The type of coordinates is none of `COORDINATES`.
-
-    Examples
-    --------
-    >>> [column.name for column in end("Z").columns]
-    ['id', 'containing_face', 'coordinate']
-    """
-    face = "containing_face I 1 N Face that the node lies in" if topology == 3 else ""
-    return _table(f"""
-    Entity Node Primitive Table
-        id         I 1 P Row id
-        {face}
-        coordinate {_coordinate(coordinate)} 1 N Coordinates of the node
-    """)
-
-
 def cnd(coordinate: str, *, is_tiled: bool) -> Layout:
     """``cnd``: connected nodes; in tiles the first edge is a triplet.
 
@@ -279,8 +251,8 @@ def cnd(coordinate: str, *, is_tiled: bool) -> Layout:
     """)
 
 
-def edg(coordinate: str, *, topology: int = 3) -> Layout:
-    """``edg``: edges; nodes and next edges from topology level 1 on, faces at level 3. Links are triplets in tiles or not.
+def edg(coordinate: str) -> Layout:
+    """``edg``: edges of topology level 3. Links are triplets in tiles or not.
 
     Raises
     ------
@@ -289,40 +261,19 @@ def edg(coordinate: str, *, topology: int = 3) -> Layout:
 
     Examples
     --------
-    >>> [column.name for column in edg("C", topology=0).columns]
-    ['id', 'coordinates']
+    >>> edg("C").columns[-1].count
+    -1
     """
-    nodes = "start_node I 1 N Start node\nend_node I 1 N End node"
-    faces = "right_face K 1 N Right face\nleft_face K 1 N Left face"
-    edges = "right_edge K 1 N Next edge from the end node\nleft_edge K 1 N Next edge from the start node"
     return _table(f"""
     Edge Primitive Table
         id          I 1 P Row id
-        {nodes if topology else ""}
-        {faces if topology == 3 else ""}
-        {edges if topology else ""}
+        start_node  I 1 N Start node
+        end_node    I 1 N End node
+        right_face  K 1 N Right face
+        left_face   K 1 N Left face
+        right_edge  K 1 N Next edge from the end node
+        left_edge   K 1 N Next edge from the start node
         coordinates {_coordinate(coordinate)} * N Coordinates of the edge
-    """)
-
-
-def txt(coordinate: str, kind: str = "T") -> Layout:
-    """``txt``: texts and where they run; `kind` T or L.
-
-    Raises
-    ------
-    InputError
-        The type of coordinates is none of `COORDINATES`.
-
-    Examples
-    --------
-    >>> txt("C").is_variable
-    True
-    """
-    return _table(f"""
-    Text Primitive Table
-        id         I 1 P Row id
-        string     {kind} * N Text
-        shape_line {_coordinate(coordinate)} * N Line along which the text runs
     """)
 
 
@@ -344,9 +295,7 @@ def fit(*, is_tiled: bool) -> Layout:
     """)
 
 
-def feature(
-    description: str, attributes: Sequence[Column], primitive: str, *, is_tiled: bool, tile_index: str = "-"
-) -> Layout:
+def feature(description: str, attributes: Sequence[Column], primitive: str, *, is_tiled: bool) -> Layout:
     """A feature table: id, attributes, tile, primitive; without a primitive the features have a join table (`join`).
 
     Examples
@@ -356,10 +305,10 @@ def feature(
     ['id', 'f_code', 'tile_id', 'edg_id']
     """
     first = Column("id", "I", 1, "P", "Row id")
-    return Layout(description, (first, *attributes, *_tail(primitive, is_tiled, tile_index)))
+    return Layout(description, (first, *attributes, *_tail(primitive, is_tiled)))
 
 
-def join(description: str, key: str, primitive: str, *, is_tiled: bool, attributes: Sequence[Column] = ()) -> Layout:
+def join(description: str, key: str, primitive: str, *, is_tiled: bool) -> Layout:
     """A join table: which primitives each feature has; `key` is the column that names the feature.
 
     Examples
@@ -368,17 +317,16 @@ def join(description: str, key: str, primitive: str, *, is_tiled: bool, attribut
     ['id', 'shorel_id', 'tile_id', 'edg_id']
     """
     first = Column("id", "I", 1, "P", "Row id"), Column(key, "I", 1, "N", "Feature")
-    return Layout(description, (*first, *attributes, *_tail(primitive, is_tiled, "-")))
+    return Layout(description, (*first, *_tail(primitive, is_tiled)))
 
 
-def _tail(primitive: str, is_tiled: bool, tile_index: str) -> list[Column]:
+def _tail(primitive: str, is_tiled: bool) -> tuple[Column, ...]:
     """Columns that name a primitive."""
     if not primitive:
-        return []
+        return ()
     if primitive not in PRIMITIVES:
         raise InputError(f"found the primitive {primitive!r}, expected one of: {', '.join(PRIMITIVES)}")
-    tile = [column._replace(index=tile_index) for column in _columns(_TILE)] if is_tiled else []
-    return [*tile, *_columns(f"{primitive}_id I 1 N Primitive as row of {primitive}")]
+    return _columns(f"{_TILE if is_tiled else ''}\n{primitive}_id I 1 N Primitive as row of {primitive}")
 
 
 def _coordinate(kind: str) -> str:

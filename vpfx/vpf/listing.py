@@ -11,13 +11,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vpfx.errors import VpfxError
-from vpfx.vpf.catalog import Coverage, Database, FeatureClass, Library
+from vpfx.vpf.catalog import Coverage, Database, Library
+from vpfx.vpf.header import TEXT_KINDS
+from vpfx.vpf.schema import FeatureClass
 from vpfx.vpf.table import Ragged, Table, TableFile, open_table
 from vpfx.vpf.values import is_null, texts
 
 __all__ = ["list_database", "list_lines", "table_problems", "table_rows"]
 
-TEXT_KINDS = "TLNMD"
 CONTROLS = {code: f"\\x{code:02x}" for code in (*range(32), *range(127, 160))}
 """Characters that would steer a terminal, and how they are shown."""
 
@@ -58,7 +59,7 @@ def _library(library: Library) -> dict[str, Any]:
 def _coverage(coverage: Coverage) -> dict[str, Any]:
     told = {"name": coverage.name, "description": coverage.description, "level": coverage.level}
     try:
-        problems = list(coverage.problems)
+        problems = list(coverage.problems.values())
         classes = [_class(coverage, found, problems) for found in coverage.classes.values()]
     except VpfxError as error:
         classes, problems = [], [str(error)]
@@ -140,7 +141,8 @@ def table_rows(table: Table, *, is_nested: bool) -> tuple[tuple[str, ...], list[
     for column in table.layout.columns:
         values = _cells(table[column.name], column.kind)
         columns.append(values if is_nested else [_flat(value, column.kind) for value in values])
-    return tuple(column.name for column in table.layout.columns), list(zip(*columns, strict=True))
+    names = tuple(column.name if is_nested else column.name.translate(CONTROLS) for column in table.layout.columns)
+    return names, list(zip(*columns, strict=True))
 
 
 def table_problems(file: TableFile) -> list[str]:
@@ -152,7 +154,7 @@ def table_problems(file: TableFile) -> list[str]:
 def _cells(values: NDArray[Any] | Ragged, kind: str) -> list[Any]:
     if kind == "X":
         return [None] * len(values)
-    if kind in TEXT_KINDS:
+    if kind in TEXT_KINDS + "D":
         return list(texts(values))
     if isinstance(values, Ragged):
         places, bounds = _plain(values.values), values.starts.tolist()

@@ -6,27 +6,21 @@ Source: specs/vpf.md, V-400, V-403.
 from __future__ import annotations
 
 import os
-import re
 from collections.abc import Sequence
 from pathlib import Path
 from typing import NamedTuple
 
 from vpfx.errors import NotFoundError, VpfFormatError, VpfxError
-from vpfx.vpf.catalog import Coverage, FeatureClass, Join, Library, open_database
+from vpfx.vpf.catalog import Coverage, Library, open_database, open_library
+from vpfx.vpf.layouts import PRIMITIVES
 from vpfx.vpf.paths import find
+from vpfx.vpf.schema import FEATURE_TABLE, FeatureClass, Join
 from vpfx.vpf.table import open_table
 
-__all__ = ["PRIMITIVES", "Opened", "feature_classes", "is_vpf", "open_coverages"]
-
-PRIMITIVES = ("edg", "fac", "end", "cnd", "txt")
-
-OF_KIND = {"P": ("end", "cnd"), "L": ("edg",), "A": ("fac",), "T": ("txt",)}
-"""Primitives that features of each kind can have."""
+__all__ = ["Opened", "feature_classes", "is_vpf", "open_coverages"]
 
 MARKS = ("lat", "cat", "fcs", "edg", "end", "cnd", "txt")
 """Tables of which a directory of VPF has one: a database the first, a library the second, a coverage another or features."""
-
-FEATURE_TABLE = re.compile(r"(.+)\.([plat])ft\.?", re.IGNORECASE)
 
 
 class Opened(NamedTuple):
@@ -66,7 +60,7 @@ def open_coverages(path: Path | str) -> Opened:
     vpfx.errors.NotFoundError: nowhere: found no directory, expected a VPF database, a library or a coverage of one
     """
     root = Path(path)
-    if not root.is_dir():
+    if not os.path.isdir(root):
         raise NotFoundError(f"{path}: found no directory, expected a VPF database, a library or a coverage of one")
     if not is_vpf(root):
         raise NotFoundError(f"{path}: found none of {', '.join(MARKS)}, expected a directory of VPF")
@@ -104,11 +98,9 @@ def _lone_coverage(root: Path) -> Coverage:
     """A directory as the coverage of the library that it lies in, or seems to."""
     full = root.resolve()
     if find(full.parent, "cat"):
-        (library,) = open_database(full.parent).libraries.values()
-    else:
-        library = Library(full.parent, full.parent.name, None, full.parent)
-        return Coverage(library, full, full.name)
-    return library.coverages.get(full.name.lower(), Coverage(library, full, full.name))
+        library = open_library(full.parent)
+        return library.coverages.get(full.name.lower(), Coverage(library, full, full.name))
+    return Coverage(Library(full.parent, full.parent.name, None, full.parent), full, full.name)
 
 
 def feature_classes(coverage: Coverage) -> tuple[dict[str, FeatureClass], tuple[str, ...]]:
@@ -131,8 +123,7 @@ def feature_classes(coverage: Coverage) -> tuple[dict[str, FeatureClass], tuple[
     """
     classes = dict(coverage.classes)
     known = {found.table.lower().rstrip(".") for found in classes.values()}
-    guessed: list[str] = []
-    problems: list[str] = []
+    told, problems = dict(coverage.problems), []
     for name in _feature_tables(coverage.path):
         if name in known:
             continue
@@ -143,11 +134,10 @@ def feature_classes(coverage: Coverage) -> tuple[dict[str, FeatureClass], tuple[
             continue
         if found is not None and found.name not in classes:
             classes[found.name] = found
-            guessed.append(f"class {found.name!r}")
+            told.pop(found.name, None)
             what = f"found no relation of {name} in fcs; its features are found by column {found.prim_key}"
             problems.append(str(VpfFormatError(str(coverage.path), "", what, "V-403")))
-    told = [line for line in coverage.problems if not any(name in line for name in guessed)]
-    return classes, (*told, *problems)
+    return classes, (*told.values(), *problems)
 
 
 def _feature_tables(folder: Path) -> list[str]:
@@ -164,7 +154,7 @@ def _guessed(coverage: Coverage, table: str) -> FeatureClass | None:
     match = FEATURE_TABLE.fullmatch(table)
     assert match is not None
     name, kind = match[1], match[2].upper()
-    keys = [f"{primitive}_id" for primitive in OF_KIND[kind]]
+    keys = [f"{primitive}_id" for primitive, own in PRIMITIVES.items() if own == kind]
     columns = _columns(coverage, table)
     for key in keys:
         if key in columns:

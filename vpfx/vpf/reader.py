@@ -20,11 +20,13 @@ import shapely.errors
 from numpy.typing import NDArray
 
 from vpfx.errors import NotFoundError, VpfFormatError
-from vpfx.vpf.catalog import Coverage, FeatureClass
-from vpfx.vpf.decode import Field, decode_fields, text_field
+from vpfx.vpf.catalog import Coverage
+from vpfx.vpf.fields import Field, decode_fields, free_name, text_field
 from vpfx.vpf.geometry import Geometries, edge_lines, face_polygons, find_rows, ids_of, node_points, text_places
+from vpfx.vpf.layouts import PRIMITIVES
 from vpfx.vpf.merge import merge_parts
 from vpfx.vpf.paths import find
+from vpfx.vpf.schema import FeatureClass
 from vpfx.vpf.table import Table, open_table, read_table
 
 __all__ = ["FeatureRows", "class_tables", "has_faces", "read_class", "read_primitives", "tiles_of"]
@@ -97,14 +99,15 @@ def read_class(coverage: Coverage, found: FeatureClass) -> FeatureRows:
     """
     where = f"{coverage.path}: {found.name}"
     table = read_table(coverage.table(found.table))
-    fields = decode_fields(table, coverage.value_descriptions(), found.table)
+    fields = decode_fields(table, coverage.value_descriptions, found.table)
     if not found.primitive:
         return FeatureRows(fields, np.full(table.n_row, None, object), ())
     references, problems = _references(coverage, found, table, where)
     parts = _read_parts(coverage, found.primitive, references, where)
     try:
         with np.errstate(all="ignore"):  # places may be as great as doubles are
-            geometry = merge_parts(found.kind, references.row, references.tile, parts.geometry, table.n_row)
+            kind = PRIMITIVES[found.primitive]  # whatever fca says
+            geometry = merge_parts(kind, references.row, references.tile, parts.geometry, table.n_row)
     except shapely.errors.ShapelyError as error:
         reason = " ".join(str(error).split())
         raise VpfFormatError(where, "", f"found primitives that cannot be put together: {reason}", "V-420") from error
@@ -112,8 +115,7 @@ def read_class(coverage: Coverage, found: FeatureClass) -> FeatureRows:
         strings: list[str | None] = [None] * table.n_row
         for row, text in zip(references.row[::-1].tolist(), parts.texts[::-1].tolist(), strict=True):
             strings[row] = text
-        name = "string" if "string" not in fields else "txt_string"
-        fields[name] = text_field(strings)
+        fields[free_name("string", set(fields))] = text_field(strings)
     return FeatureRows(fields, geometry, (*problems, *_row_problems(coverage, references), *parts.problems))
 
 
@@ -140,6 +142,9 @@ def _references(
         key = f"{found.primitive}_id"
     primitive = ids_of(source, key)
     tile = ids_of(source, "tile_id") if "tile_id" in source else np.zeros(source.n_row, np.int64)
+    with suppress(VpfFormatError):  # of the tile reference: told where primitives are read
+        if tile.any() and coverage.find(_table_of(found.primitive)) is not None:
+            tile = np.where(_is_tile(coverage, tile), tile, 0)
     triples = np.stack([rows, tile, primitive], axis=1)[(rows >= 0) & (primitive > 0)]
     _, first = np.unique(triples, axis=0, return_index=True)
     return _References(*triples[np.sort(first)].T), problems
@@ -160,39 +165,44 @@ def _read_parts(coverage: Coverage, primitive: str, references: _References, whe
     geometry: Geometries = np.full(n, None, object)
     texts: NDArray[np.object_] = np.full(n, None, object)
     problems: list[str] = []
-    missing: list[int] = []
-    for tile in np.unique(references.tile).tolist():
-        asked = np.flatnonzero(references.tile == tile)
+    is_missing = np.zeros(n, bool)
+    try:
+        is_missing = ~_is_tile(coverage, references.tile)
+        asked = np.flatnonzero(~is_missing)
+    except VpfFormatError as error:
+        problems.append(str(error))
+        asked = np.flatnonzero(references.tile == 0)
+    asked = asked[np.argsort(references.tile[asked], kind="stable")]
+    for rows in np.split(asked, np.flatnonzero(np.diff(references.tile[asked])) + 1) if len(asked) else ():
+        tile = int(references.tile[rows[0]])
         try:
-            part = _read_tile(coverage, primitive, tile, references.primitive[asked], where)
+            part = _read_tile(coverage, primitive, tile, references.primitive[rows], where)
         except NotFoundError as error:
-            if tile:
-                missing.append(tile)
-            else:
-                problems.append(str(error))
-            continue
+            is_missing[rows] = tile > 0
+            problems += [] if tile else [str(error)]
         except VpfFormatError as error:
             problems.append(str(error))
-            continue
-        geometry[asked], texts[asked] = part.geometry, part.texts
-        problems += part.problems
-    is_missing = np.isin(references.tile, missing)
+        else:
+            geometry[rows], texts[rows] = part.geometry, part.texts
+            problems += part.problems
     what = f"primitives of {primitive} lie in tiles that are missing"
     problems += _told(where, what, references.tile[is_missing], "tiles ")
     return _Parts(geometry, texts, tuple(dict.fromkeys(problems)))
 
 
-def _path_of(coverage: Coverage, primitive: str, tile: int) -> Path:
-    """Table of primitives of a tile; of the coverage itself for tile 0, and where the library has no tiles."""
-    name = "edg" if primitive == "fac" else primitive
-    if tile and tile not in coverage.library.tiles and coverage.find(name) is not None:
-        tile = 0
-    return coverage.table(name, tile)
+def _table_of(primitive: str) -> str:
+    """Name of the table that primitives are made from."""
+    return "edg" if primitive == "fac" else primitive
+
+
+def _is_tile(coverage: Coverage, tile: Ids) -> NDArray[np.bool_]:
+    """Tell which ids are those of tiles, or 0: the coverage itself."""
+    return np.isin(tile, [0, *(coverage.library.tiles if tile.any() else ())])
 
 
 def _read_tile(coverage: Coverage, primitive: str, tile: int, ids: Ids, where: str) -> _Parts:
     """Geometries of some primitives of a tile."""
-    table = read_table(_path_of(coverage, primitive, tile))
+    table = read_table(coverage.table(_table_of(primitive), tile))
     place = f"{where}: tile {tile}" if tile else where
     texts: NDArray[np.object_] = np.full(len(ids), None, object)
     problems: tuple[str, ...] = ()
@@ -233,20 +243,20 @@ def class_tables(coverage: Coverage, found: FeatureClass) -> list[Path]:
         references, _ = _references(coverage, found, table, "")
         for tile in np.unique(references.tile).tolist():
             with suppress(NotFoundError):
-                paths.append(_path_of(coverage, found.primitive, tile))
+                paths.append(coverage.table(_table_of(found.primitive), tile))
     return [path for path in paths if path is not None]
 
 
 def tiles_of(coverage: Coverage, primitive: str) -> list[int]:
     """Tiles in which a coverage has a table of primitives, ascending; 0 is the coverage itself."""
-    name = "edg" if primitive == "fac" else primitive
+    name = _table_of(primitive)
     return [tile for tile in (0, *sorted(coverage.library.tiles)) if coverage.find(name, tile) is not None]
 
 
 def has_faces(coverage: Coverage) -> bool:
     """Tell whether edges of a coverage name faces: its topology level is 3."""
     for tile in tiles_of(coverage, "fac"):
-        with suppress(VpfFormatError), open_table(_path_of(coverage, "fac", tile)) as file:
+        with suppress(NotFoundError, VpfFormatError), open_table(coverage.table("edg", tile)) as file:
             return any(column.name.lower() == "right_face" for column in file.layout.columns)
     return False
 
@@ -277,7 +287,7 @@ def read_primitives(coverage: Coverage, primitive: str) -> FeatureRows:
     for tile in asked:
         try:
             fields, geometry, told = _primitives_of_tile(coverage, primitive, tile)
-        except VpfFormatError as error:
+        except (NotFoundError, VpfFormatError) as error:
             problems.append(str(error))
             continue
         tiles = np.full(len(geometry), tile, np.int32)
@@ -291,7 +301,7 @@ def _primitives_of_tile(
     coverage: Coverage, primitive: str, tile: int
 ) -> tuple[dict[str, Field], Geometries, tuple[str, ...]]:
     """Fields and geometries of all primitives of a tile, and what was wrong."""
-    table = read_table(_path_of(coverage, primitive, tile))
+    table = read_table(coverage.table(_table_of(primitive), tile))
     if primitive != "fac":
         fields = decode_fields(table, without=("coordinate", "coordinates", "shape_line"))
         if primitive == "txt":

@@ -1,4 +1,4 @@
-"""Feature class schema: the relations of ``fcs``, and the feature classes they make (specs/vpf.md, V-204, V-205).
+"""Feature classes of a coverage, from the relations of ``fcs``; what ``fca`` and ``*.vdt`` say of them (V-204, V-205, V-207).
 
 ::
 
@@ -11,16 +11,17 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from vpfx.errors import VpfFormatError
+from vpfx.vpf.header import TEXT_KINDS
 from vpfx.vpf.layouts import PRIMITIVES
 from vpfx.vpf.paths import check_name
 from vpfx.vpf.table import Table, open_table
-from vpfx.vpf.values import texts
 
 __all__ = [
     "MOST_ROWS", "FeatureClass", "Join", "Relation", "classes_of", "read_bounded", "read_kinds", "read_relations",
+    "value_descriptions",
 ]  # fmt: skip
 
 MOST_ROWS = 100_000
@@ -87,17 +88,20 @@ def read_relations(path: Path) -> tuple[Relation, ...]:
     Raises
     ------
     VpfFormatError
-        A column is missing, or a table has a name that no file can have.
+        A column is missing or no text, a table has a name that no file can have, or a class has control characters in its.
     """
     table = read_bounded(path)
     key1 = "foreign_key" if "foreign_key" in table and "table1_key" not in table else "table1_key"
     key2 = "primary_key" if "primary_key" in table and "table2_key" not in table else "table2_key"
-    names = [texts(table[name]) for name in ("feature_class", "table1", key1, "table2", key2)]
+    names = [table.texts(name) for name in ("feature_class", "table1", key1, "table2", key2)]
     relations = []
     for row, fields in enumerate(zip(*names, strict=True), 1):
         name, table1, column1, table2, column2 = ((text or "").strip() for text in fields)
         for text in (table1, table2):
             check_name(text, str(path), f"row {row}")
+        if not name.isprintable():
+            found = f"found the class {name!r}, expected a name without control characters"
+            raise VpfFormatError(str(path), f"row {row}", found, "V-204")
         relations.append(Relation(row, name or table1.split(".")[0], table1, column1, table2, column2))
     return tuple(relations)
 
@@ -108,11 +112,11 @@ def read_kinds(path: Path) -> dict[str, tuple[str, str, str]]:
     Raises
     ------
     VpfFormatError
-        A column is missing.
+        A column is missing or no text.
     """
     table = read_bounded(path)
     description = "descr" if "descr" in table else "description"
-    rows = zip(*(texts(table[name]) for name in ("fclass", "type", description)), strict=True)
+    rows = zip(*(table.texts(name) for name in ("fclass", "type", description)), strict=True)
     kinds: dict[str, tuple[str, str, str]] = {}
     for name, kind, text in rows:
         kinds.setdefault((name or "").strip().lower(), ((name or "").strip(), (kind or "").upper(), text or ""))
@@ -121,7 +125,7 @@ def read_kinds(path: Path) -> dict[str, tuple[str, str, str]]:
 
 def classes_of(
     relations: Sequence[Relation], kinds: dict[str, tuple[str, str, str]], path: str = ""
-) -> tuple[dict[str, FeatureClass], tuple[str, ...]]:
+) -> tuple[dict[str, FeatureClass], dict[str, str]]:
     """Feature classes by their names in lower case, and what hinders others.
 
     Returns
@@ -129,15 +133,15 @@ def classes_of(
     classes : dict
         A class on two tables of primitives stands there twice, the second time as ``name:primitive``; one with two
         feature tables, as ``name:table``.
-    problems : tuple of str
-        Classes of ``fcs`` or ``fca`` that no relation leads to primitives.
+    problems : dict
+        Lines on classes of ``fcs`` or ``fca`` that no relation leads to primitives, by their names in lower case.
 
     Examples
     --------
     >>> relation = Relation(1, "ROADL", "ROADL.LFT", "EDG_ID", "EDG", "ID")
     >>> classes_of([relation, relation._replace(row=2)], {})
     ({'roadl': FeatureClass(name='ROADL', kind='L', table='ROADL.LFT', primitive='edg', prim_key='EDG_ID', join=None,
-    description='')}, ())
+    description='')}, {})
     """
     classes: dict[str, FeatureClass] = {}
     for found in _forward(relations):
@@ -153,8 +157,7 @@ def classes_of(
     named = [relation.feature_class for relation in relations] + [name for name, _, _ in kinds.values()]
     lost = {name.lower(): name for name in named if name.lower() not in classes}
     message = "found no relation to primitives, expected one in fcs"
-    problems = [str(VpfFormatError(path, f"class {name!r}", message, "V-204")) for name in lost.values()]
-    return classes, tuple(problems)
+    return classes, {key: str(VpfFormatError(path, f"class {name!r}", message, "V-204")) for key, name in lost.items()}
 
 
 def _same(feature_class: FeatureClass) -> tuple[str, ...]:
@@ -189,3 +192,32 @@ def _primitive(table: str) -> str:
 
 def _is_same_table(one: str, other: str) -> bool:
     return one.rstrip(".").lower() == other.rstrip(".").lower()
+
+
+def value_descriptions(table: Table) -> dict[tuple[str, str], dict[int | str, str]]:
+    """Return what coded values mean, by table and column, from ``int.vdt`` or ``char.vdt`` (V-116).
+
+    Names come in lower case. Of a value that is described twice the first description counts.
+
+    Raises
+    ------
+    VpfFormatError
+        One of the columns `table`, `attribute`, `value`, `description` is missing or of another type.
+
+    Examples
+    --------
+    >>> from vpfx.vpf.layouts import INT_VDT
+    >>> from vpfx.vpf.table import decode, encode
+    >>> row = {"id": [1], "table": ["road.lft"], "attribute": ["acc"], "value": [1], "description": ["Accurate"]}
+    >>> value_descriptions(decode(*encode(INT_VDT, row)))
+    {('road.lft', 'acc'): {1: 'Accurate'}}
+    """
+    coded = table.layout.find("value")
+    is_text = coded is not None and coded.kind in TEXT_KINDS
+    values: list[Any] = table.texts("value") if is_text else table.whole_numbers("value").tolist()
+    found: dict[tuple[str, str], dict[int | str, str]] = {}
+    rows = zip(*(table.texts(name) for name in ("table", "attribute", "description")), values, strict=True)
+    for name, attribute, description, code in rows:
+        described = found.setdefault(((name or "").lower(), (attribute or "").lower()), {})
+        described.setdefault("" if code is None else code, description or "")
+    return found

@@ -12,7 +12,8 @@ from __future__ import annotations
 import math
 import struct
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -75,10 +76,10 @@ class SpatialIndex:
     starts: NDArray[np.int64]
     order: str = "<"
     stray: int = 0
-    _bin_boxes: NDArray[np.uint8] = field(init=False, repr=False)
 
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "_bin_boxes", bin_boxes(self.starts, self.boxes))
+    @cached_property
+    def _bin_boxes(self) -> NDArray[np.uint8]:
+        return bin_boxes(self.starts, self.boxes)
 
     @property
     def n_bin(self) -> int:
@@ -159,7 +160,7 @@ def outward(boxes: ArrayLike) -> NDArray[np.float32]:
     return rounded
 
 
-def build(boxes: ArrayLike, extent: Sequence[float], *, has_tree: bool = True) -> bytes:
+def build(boxes: ArrayLike, extent: Sequence[float]) -> bytes:
     """Bytes of a spatial index; row i of the boxes is primitive i + 1.
 
     Parameters
@@ -169,8 +170,6 @@ def build(boxes: ArrayLike, extent: Sequence[float], *, has_tree: bool = True) -
         boxes for the number of rows.
     extent : sequence of four floats
         What the boxes lie in. It is written as float32, rounded outward, and widened where it has hardly any width.
-    has_tree : bool
-        Cut the extent until a bin holds about `BIN_SIZE` boxes; else all lie in one bin.
 
     Returns
     -------
@@ -183,7 +182,7 @@ def build(boxes: ArrayLike, extent: Sequence[float], *, has_tree: bool = True) -
 
     Notes
     -----
-    Source: specs/vpf.md, V-300 to V-302. Cost: O(n).
+    The extent is cut until a bin holds about `BIN_SIZE` boxes. Source: specs/vpf.md, V-300 to V-302. Cost: O(n).
 
     Examples
     --------
@@ -199,9 +198,9 @@ def build(boxes: ArrayLike, extent: Sequence[float], *, has_tree: bool = True) -
     entries = np.empty(len(exact), ENTRY)
     entries["box"] = np.clip(np.concatenate([low, high], axis=1), 0, STEPS)
     entries["id"] = np.arange(1, len(exact) + 1)
-    n_cut = min(math.ceil(math.log2(max(len(exact), 1) / BIN_SIZE)), MOST_CUTS) if has_tree else 0
-    n_bin = (2 << max(n_cut, 0)) - 1
-    bin_of = place_boxes(entries["box"], max(n_cut, 0))
+    n_cut = min(max(math.ceil(math.log2(max(len(exact), 1) / BIN_SIZE)), 0), MOST_CUTS)
+    n_bin = (2 << n_cut) - 1
+    bin_of = place_boxes(entries["box"], n_cut)
     counts = np.bincount(bin_of, minlength=n_bin + 1)[1:]
     bins = np.stack([(np.cumsum(counts) - counts) * ENTRY.itemsize, counts], axis=1)
     if len(exact) > (2**31 - HEADER) // ENTRY.itemsize - n_bin:

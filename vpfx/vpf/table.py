@@ -8,6 +8,7 @@ Source: specs/vpf.md, V-100 to V-141.
 from __future__ import annotations
 
 import io
+import os
 from collections.abc import Iterator
 from contextlib import ExitStack
 from dataclasses import dataclass
@@ -21,7 +22,7 @@ from numpy.typing import NDArray
 from vpfx.checks import whole_number
 from vpfx.errors import NotFoundError, VpfFormatError
 from vpfx.vpf import kernels
-from vpfx.vpf.header import COUNTED, Column, Layout, header_size, parse_header
+from vpfx.vpf.header import COUNTED, TEXT_KINDS, Column, Layout, header_size, parse_header
 from vpfx.vpf.index_file import IndexFile, find_index, index_name
 from vpfx.vpf.rows import (
     decode_rows,
@@ -33,7 +34,7 @@ from vpfx.vpf.rows import (
     scan_steps,
     step_of,
 )
-from vpfx.vpf.values import Ragged
+from vpfx.vpf.values import Ragged, texts
 from vpfx.vpf.writer import TableWriter, encode, write_table
 
 __all__ = [
@@ -52,6 +53,7 @@ __all__ = [
 ]
 
 _SCAN_BYTES = 1 << 20
+_CORNERS = ("xmin", "ymin", "xmax", "ymax")
 
 
 @dataclass(frozen=True, eq=False)
@@ -81,6 +83,27 @@ class Table:
 
     def __contains__(self, name: str) -> bool:
         return name.lower() in self.columns
+
+    def texts(self, name: str) -> list[str | None]:
+        """Return a column of text as strings, None for nulls; VpfFormatError if it is missing or of another type."""
+        return texts(self._of_types(name, TEXT_KINDS))
+
+    def whole_numbers(self, name: str) -> NDArray[np.int64]:
+        """Return a column of whole numbers, or the ids of triplets, int64 (n_row,); VpfFormatError as `texts`."""
+        values = self._of_types(name, "ISK")
+        return (values[:, 0] if values.ndim == 2 else values).astype(np.int64)
+
+    def rectangles(self) -> NDArray[np.float64]:
+        """Return columns xmin, ymin, xmax and ymax, float64 (n_row, 4); VpfFormatError as `texts`."""
+        return np.stack([self._of_types(name, "FR").astype(np.float64) for name in _CORNERS], axis=1)
+
+    def _of_types(self, name: str, kinds: str) -> Any:
+        values, column = self[name], self.layout.find(name)
+        assert column is not None
+        if column.kind not in kinds or (column.count != 1 and kinds != TEXT_KINDS):
+            found = f"found type {column.kind},{'*' if column.count == COUNTED else column.count}"
+            raise VpfFormatError(self.path, f"column {name!r}", f"{found}, expected {' or '.join(kinds)}", "V-250")
+        return values
 
 
 class TableFile:
@@ -263,7 +286,7 @@ def open_table(path: Path | str, *, name: str = "") -> TableFile:
     """
     path = Path(path)
     name = name or str(path)
-    if not path.is_file():
+    if not os.path.isfile(path):
         raise NotFoundError(f"{name}: found no file, expected a table")
     with ExitStack() as opened:
         try:

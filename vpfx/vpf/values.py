@@ -1,6 +1,6 @@
-"""Values of tables: runs of different length, texts, nulls, dates, descriptions of coded values.
+"""Values of tables: runs of different length, texts, nulls, dates.
 
-Source: specs/vpf.md, V-112 to V-116.
+Source: specs/vpf.md, V-112 to V-114.
 """
 
 from __future__ import annotations
@@ -8,7 +8,7 @@ from __future__ import annotations
 import datetime as dt
 import math
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from itertools import pairwise
 from typing import Any, NamedTuple
 
@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vpfx.errors import InputError, VpfFormatError
+from vpfx.vpf.header import TEXT_KINDS
 
 __all__ = [
     "NULL_DATE",
@@ -29,7 +30,6 @@ __all__ = [
     "parse_date",
     "ragged",
     "texts",
-    "value_descriptions",
 ]
 
 NULL_SHORT = -(2**15)
@@ -171,7 +171,7 @@ def is_null(column: NDArray[Any] | Ragged, kind: str) -> NDArray[np.bool_]:
         return np.ones(len(column), bool)
     flat = column.reshape(len(column), math.prod(column.shape[1:]))
     nulls: Any
-    if kind in "TLNMD":
+    if kind in TEXT_KINDS + "D":
         nulls = np.isin(np.char.strip(flat, b" \0"), [text.encode() for text in NULL_TEXTS])
     elif kind in "SI":
         null = NULL_SHORT if kind == "S" else NULL_INT
@@ -249,38 +249,3 @@ def _zone(text: str) -> dt.timezone | None:
         return None
     offset = dt.timedelta(hours=int(match[2]), minutes=int(match[3]))
     return dt.timezone(-offset if match[1] == "-" else offset)
-
-
-def value_descriptions(
-    columns: Mapping[str, NDArray[Any] | Ragged],
-) -> dict[tuple[str, str], dict[int | str, str]]:
-    """Return what coded values mean, by table and column, from the columns of int.vdt or char.vdt (V-116).
-
-    Names come in lower case. Of a value that is described twice the first description counts.
-
-    Raises
-    ------
-    VpfFormatError
-        One of the columns `table`, `attribute`, `value`, `description` is missing.
-
-    Examples
-    --------
-    >>> rows = {"table": ["road.lft"], "attribute": ["acc"], "description": ["Accurate"]}
-    >>> columns = {name: np.array(row, "S12") for name, row in rows.items()} | {"value": np.array([1], np.int16)}
-    >>> value_descriptions(columns)
-    {('road.lft', 'acc'): {1: 'Accurate'}}
-    """
-    missing = [name for name in ("table", "attribute", "value", "description") if name not in columns]
-    if missing:
-        raise VpfFormatError("", "", f"found no column {missing[0]!r}, expected one in a table of values", "V-116")
-    value = columns["value"]
-    if isinstance(value, Ragged) or value.dtype.kind == "S":
-        values: list[Any] = texts(value)
-    else:
-        values = value.tolist()
-    found: dict[tuple[str, str], dict[int | str, str]] = {}
-    rows = zip(*(texts(columns[name]) for name in ("table", "attribute", "description")), values, strict=True)
-    for table, attribute, description, code in rows:
-        described = found.setdefault(((table or "").lower(), (attribute or "").lower()), {})
-        described.setdefault("" if code is None else code, description or "")
-    return found

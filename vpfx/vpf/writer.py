@@ -17,7 +17,7 @@ from typing import Any, BinaryIO
 import numpy as np
 
 from vpfx.errors import InputError, StoreError
-from vpfx.vpf.arrays import as_columns
+from vpfx.vpf.given_columns import as_columns
 from vpfx.vpf.header import Layout, check_layout, header_bytes
 from vpfx.vpf.index_file import MOST_OFFSET, index_entries, index_head, index_names
 from vpfx.vpf.rows import encode_rows, iter_blocks, iter_uneven_blocks, record_type, row_sizes, step_of

@@ -15,9 +15,9 @@ from vpfx.validate.vpf.folders import TableData, numbers
 from vpfx.validate.vpf.parts import CoverageData, is_sound
 from vpfx.validate.vpf.scan import Tally
 from vpfx.vpf.header import Column
-from vpfx.vpf.schema import FeatureClass
+from vpfx.vpf.schema import FeatureClass, value_descriptions
 from vpfx.vpf.table import Ragged, Table
-from vpfx.vpf.values import is_null, texts, value_descriptions
+from vpfx.vpf.values import is_null, texts
 
 __all__ = ["RULES", "ClassData"]
 
@@ -162,8 +162,7 @@ def _described(coverage: CoverageData, value_table: str, table: str, column: str
     if rows is None:
         return set()
     try:
-        names = ("table", "attribute", "value", "description")
-        described = value_descriptions({name: rows[name] for name in names})
+        described = value_descriptions(rows)
     except VpfFormatError:
         return set()
     return set(described.get((table, column.lower()), {}))

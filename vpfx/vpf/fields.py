@@ -13,10 +13,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vpfx.errors import VpfFormatError
+from vpfx.vpf.header import TEXT_KINDS
 from vpfx.vpf.table import Column, Ragged, Table
 from vpfx.vpf.values import is_null, parse_date, texts
 
-__all__ = ["Field", "decode_fields", "iso_date"]
+__all__ = ["Field", "decode_fields", "free_name", "iso_date", "text_field"]
 
 Described = Mapping[tuple[str, str], Mapping[int | str, str]]
 
@@ -82,15 +83,15 @@ def decode_fields(
         if key in without:
             continue
         for suffix, field in _decoded(column, table[key]).items():
-            fields[_free(f"{key}{suffix}", taken if suffix else set())] = field
+            fields[free_name(f"{key}{suffix}", taken) if suffix else key] = field
         meanings = (described or {}).get((name.lower(), key))
         if meanings and key in fields:
-            fields[_free(f"{key}_description", taken)] = _explained(fields[key], meanings)
+            fields[free_name(f"{key}_description", taken)] = _explained(fields[key], meanings)
     return fields
 
 
-def _free(name: str, taken: set[str]) -> str:
-    """Return a name that is not taken, and take it."""
+def free_name(name: str, taken: set[str]) -> str:
+    """Return a name that is not taken, with underscores behind it if need be, and take it."""
     while name in taken:
         name += "_"
     taken.add(name)
@@ -99,10 +100,10 @@ def _free(name: str, taken: set[str]) -> str:
 
 def _decoded(column: Column, values: NDArray[Any] | Ragged) -> dict[str, Field]:
     """Fields that a column makes, by what is added to its name."""
-    kind = column.kind.upper()
+    kind = column.kind
     if kind == "X":
         return {}
-    if kind in "TLNM":
+    if kind in TEXT_KINDS:
         return {"": text_field(texts(values))}
     null = is_null(values, kind)
     if kind == "D":
