@@ -410,7 +410,13 @@ BROKEN = {
     "UPDATE metadata SET value = json_set(value, '$.n_row', 1000000000000) WHERE name = 'lattice'": "found 4 rows, expected",
     "UPDATE metadata SET value = json_set(value, '$.n_row', 1.5) WHERE name = 'lattice'": "no lattice of posts.*R-110",
     "UPDATE metadata SET value = '{}' WHERE name = 'options'": "no lattice of posts.*R-110",
+    "UPDATE metadata SET value = json_remove(value, '$.dx') WHERE name = 'lattice'": "no lattice of posts.*R-110",
+    "UPDATE metadata SET value = json_set(value, '$.dy', 'wide') WHERE name = 'lattice'": "no lattice of posts.*R-110",
     "UPDATE tile_level SET first_face = 900 WHERE tile_id = 2 AND level = 1": "R-132",
+    "UPDATE tile_level SET last_edge = 4000000000000000000 WHERE tile_id = 2 AND level = 1": "R-132",
+    "UPDATE tile_level SET last_edge = 0 WHERE tile_id = 2 AND level = 1": "range of edges of level 1 that is none.*R-132",
+    "UPDATE tile_level SET last_edge = x'00' WHERE tile_id = 2 AND level = 1": "R-1[03]2",
+    "UPDATE tile SET xmin = '' WHERE tile_id = 1": "R-1[03][02]",
     "DELETE FROM parent_child WHERE child_face = (SELECT max(face_id) FROM face)": "R-180",
     "UPDATE edge SET right_edge = 999999999 WHERE edge_id = (SELECT max(edge_id) FROM edge)": "R-132",
     "DELETE FROM node WHERE node_id = (SELECT max(node_id) FROM node)": "node",
@@ -422,10 +428,37 @@ def test_a_store_that_is_broken_is_told(change, store, tmp_path):
     path = tmp_path / "a.gpkg"
     path.write_bytes(store.read_bytes())
     with closing(sqlite3.connect(path)) as database:
+        database.execute("PRAGMA ignore_check_constraints = ON")
         database.execute(change)
         database.commit()
     with pytest.raises((StoreFormatError, NotFoundError), match=BROKEN[change]):
         export_vpf(path, tmp_path / "nm", is_double=True)
+    assert os.listdir(tmp_path) == ["a.gpkg"]
+
+
+BROKEN_CLASS = {
+    "UPDATE soil SET code = 'many'": "table soil: column code: found 'many', expected an integer.*R-223",
+    "UPDATE soil SET depth = x'00'": "table soil: column depth: .*R-223",
+    "UPDATE soil SET day = 3": "table soil: column day: found '3', expected a date.*R-223",
+    "UPDATE value_description SET column_name = 'height'": "table value_description: .*R-222",
+    "UPDATE value_description SET value = x'00'": "table value_description: .*R-222",
+}
+
+
+@pytest.mark.parametrize("change", BROKEN_CLASS)
+def test_attributes_that_are_broken_are_told(change, store, tmp_path):
+    path = tmp_path / "a.gpkg"
+    path.write_bytes(store.read_bytes())
+    with edit_store(path) as editor:
+        editor.create_class("soil", {"code": "integer", "depth": "real", "day": "date"})
+        editor.add_features("soil", {"code": [1], "depth": [0.5], "day": ["1998-12-01"]})
+        editor.describe_values("soil", "code", {1: "deep"})
+    with closing(sqlite3.connect(path)) as database:
+        database.execute("PRAGMA ignore_check_constraints = ON")
+        database.execute(change)
+        database.commit()
+    with pytest.raises(StoreFormatError, match=BROKEN_CLASS[change]):
+        export_vpf(path, tmp_path / "nm")
     assert os.listdir(tmp_path) == ["a.gpkg"]
 
 

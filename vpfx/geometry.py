@@ -7,15 +7,7 @@ import shapely
 from numba import njit
 from numpy.typing import NDArray
 
-__all__ = [
-    "LEAST_SHARED",
-    "ON_EDGE",
-    "barycentric",
-    "face_shapes",
-    "face_slopes",
-    "heights_on_faces",
-    "shared_areas",
-]
+__all__ = ["LEAST_SHARED", "ON_EDGE", "barycentric", "face_shapes", "face_slopes", "heights_on_faces", "shared_areas"]
 
 Floats = NDArray[np.float64]
 

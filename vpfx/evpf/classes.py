@@ -7,11 +7,12 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from vpfx.errors import InputError
+from vpfx.errors import InputError, StoreFormatError
 from vpfx.evpf.folder import Folder
 from vpfx.evpf.names import COLUMN_NAMES, OWN_CLASSES, cut_names
 from vpfx.evpf.texts import as_written, to_vpf
-from vpfx.store import classes as stored
+from vpfx.store.classes import Column as StoreColumn
+from vpfx.store.classes import FeatureClass, stored
 from vpfx.store.reader import StoreReader
 from vpfx.vpf import layouts
 from vpfx.vpf.table import Column, Layout
@@ -47,12 +48,12 @@ class ClassTable(NamedTuple):
         Rows of `value_description`: column of the store, value, description.
     """
 
-    stored: stored.FeatureClass
+    stored: FeatureClass
     name: str
     feature_ids: Ints
     layout: Layout
     columns: dict[str, Any]
-    values: list[tuple[Any, ...]]
+    values: list[tuple[str, str, str]]
 
     @property
     def column_names(self) -> dict[str, str]:
@@ -85,42 +86,58 @@ def read_class_tables(store: StoreReader) -> list[ClassTable]:
     ------
     InputError
         A class or feature has an id that `store_id` cannot hold, or more than 99 names begin alike.
+    StoreFormatError
+        A value is not of the kind of its column, or what it means is no text.
     """
     classes = list(store.classes.values())
     names = cut_names((found.name for found in classes), 8, OWN_CLASSES)
     return [_read_class(store, found, name) for found, name in zip(classes, names, strict=True)]
 
 
-def _read_class(store: StoreReader, found: stored.FeatureClass, name: str) -> ClassTable:
-    if found.class_id > MOST_INT:
+def _read_class(store: StoreReader, found: FeatureClass, name: str) -> ClassTable:
+    if not 1 <= found.class_id <= MOST_INT:
         raise InputError(f"{store.path}: found class {found.class_id}, expected ids up to {MOST_INT} (E-430)")
     rows = store.raw("SELECT feature_id FROM feature WHERE class_id = ? ORDER BY feature_id", (found.class_id,))
     feature_ids = np.array(rows, np.int64).ravel()
-    if feature_ids.max(initial=0) > MOST_INT:
-        raise InputError(f"{store.path}: found feature {feature_ids.max()}, expected ids up to {MOST_INT} (E-430)")
+    beyond = feature_ids[(feature_ids < 1) | (feature_ids > MOST_INT)]
+    if len(beyond):
+        raise InputError(f"{store.path}: found feature {beyond[0]}, expected ids up to {MOST_INT} (E-430)")
     known = store.feature_values(found, 0, MOST_INT)
     empty = (None,) * len(found.columns)
     given = [known.get(feature, empty) for feature in feature_ids.tolist()]
-    query = (
-        "SELECT column_name, value, description FROM value_description WHERE class_id = ? ORDER BY column_name, value"
-    )
-    values = store.raw(query, (found.class_id,))
+    values = _described_values(store, found)
     coded = {column for column, _, description in values if description}
     columns, written = [Column("id", "I", 1, "P", "Row id")], {"id": np.arange(1, len(feature_ids) + 1)}
-    for i, column_name in enumerate(cut_names(found.columns, 16, COLUMN_NAMES)):
-        of_store, kind = list(found.columns.items())[i]
-        column, data = _column(column_name, kind, [row[i] for row in given])
+    short_names = cut_names(found.columns, 16, COLUMN_NAMES)
+    for i, (short_name, (of_store, kind)) in enumerate(zip(short_names, found.columns.items(), strict=True)):
+        try:
+            given_values = [stored(row[i], kind, of_store) for row in given]
+        except InputError as error:
+            raise StoreFormatError(str(store.path), f"table {found.name}", str(error), "R-223") from None
+        column, written[short_name] = _column(short_name, kind, given_values)
         if of_store in coded and column.kind in "ITL":
             column = column._replace(value_table="int.vdt" if column.kind == "I" else "char.vdt")
         columns.append(column)
-        written[column_name] = data
     columns.append(Column("store_id", "I", 1, "U", "Feature in the store"))
     written["store_id"] = feature_ids
     layout = Layout(described(found.description) or f"Feature class {found.name}", tuple(columns))
     return ClassTable(found, name, feature_ids, layout, written, values)
 
 
-def _column(name: str, column: stored.Column, values: list[Any]) -> tuple[Column, Any]:
+def _described_values(store: StoreReader, found: FeatureClass) -> list[tuple[str, str, str]]:
+    """Columns of a class, values, and what they mean."""
+    query = (
+        "SELECT column_name, value, description FROM value_description WHERE class_id = ? ORDER BY column_name, value"
+    )
+    rows = store.raw(query, (found.class_id,))
+    for row in rows:
+        if row[0] not in found.columns or not all(isinstance(text, str) for text in row):
+            message = f"found {str(row)[:80]}, expected a column of class {found.name} and texts"
+            raise StoreFormatError(str(store.path), "table value_description", message, "R-222")
+    return rows
+
+
+def _column(name: str, column: StoreColumn, values: list[Any]) -> tuple[Column, Any]:
     """A column of a class, and its values as they are written."""
     unit = described(column.unit)
     text = f"{described(column.description) or name.replace('_', ' ')}{f' ({unit})' if unit else ''}"[:MOST_DESCRIPTION]

@@ -25,6 +25,9 @@ MARGIN = 0.01
 MM_ON_PAPER = 0.5
 """What a post spacing is at the scale of the library."""
 
+MOST_SCALE = 1e10
+"""Greater ones become the greatest that the table holds."""
+
 DATUMS = {
     "world geodetic system 1984": ("WGS 84", "WGE"),
     "world geodetic system 1972": ("WGS 72", "WGC"),
@@ -107,7 +110,7 @@ def map_scale(store: StoreReader) -> int:
     """Denominator of the scale at which the greater post spacing is half a millimetre, to two digits."""
     lattice = store.metadata["lattice"]
     width, height = unit_metres(store.crs, store.extent)
-    exact = max(lattice["dx"] * width, lattice["dy"] * height) * 1000 / MM_ON_PAPER
+    exact = min(max(lattice["dx"] * width, lattice["dy"] * height) * 1000 / MM_ON_PAPER, MOST_SCALE)
     step = 10 ** max(math.floor(math.log10(exact)) - 1, 0)
     return int(min(max(round(exact / step) * step, 1), 2**31 - 1))
 

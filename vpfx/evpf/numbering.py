@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
+import math
 from collections import OrderedDict
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from vpfx.checks import whole_number
+from vpfx.checks import number, whole_number
 from vpfx.errors import InputError, StoreFormatError
 from vpfx.evpf.planar import Sides
-from vpfx.store.arrays import look_up
+from vpfx.store.arrays import NONE_ID, look_up
 from vpfx.store.reader import StoreReader
 from vpfx.store.tiles import Tiling
 
@@ -115,7 +116,10 @@ def tiling_of(store: StoreReader) -> Tiling:
     """
     ((n_tile,),) = store.raw("SELECT count(*) FROM tile")
     try:
-        n_row, n_col = (whole_number(store.metadata["lattice"][name], name, 2) for name in ("n_row", "n_col"))
+        lattice = store.metadata["lattice"]
+        n_row, n_col = (whole_number(lattice[name], name, 2) for name in ("n_row", "n_col"))
+        for name in ("dx", "dy"):
+            number(lattice[name], name, math.ulp(0.0))
         size = whole_number(store.metadata["options"]["tile_size"], "tile_size", 1)
         expected = -(-(n_row - 1) // size) * -(-(n_col - 1) // size)
         if expected != n_tile:
@@ -150,11 +154,9 @@ class LevelTiles:
         if len(limits["first_face"]) != tiling.n_tile:
             message = f"found {len(limits['first_face'])} tiles of level {level}, expected {tiling.n_tile}"
             raise StoreFormatError(str(store.path), "table tile_level", message, "R-132")
-        self.n_face = np.where(limits["first_face"] < 0, 0, limits["last_face"] - limits["first_face"] + 1)
+        self._first_face, self.n_face = self._runs(limits, "face")
+        self._first_edge, self._n_edge = self._runs(limits, "edge")
         self.face_offset = np.cumsum(self.n_face) - self.n_face
-        self._first_face = limits["first_face"]
-        self._n_edge = np.where(limits["first_edge"] < 0, 0, limits["last_edge"] - limits["first_edge"] + 1)
-        self._first_edge = limits["first_edge"]
         self.most_set_aside = tiling.n_border_edge_id
         self._summaries: OrderedDict[int, Summary] = OrderedDict()
 
@@ -162,6 +164,15 @@ class LevelTiles:
         """Return an error that names a tile of this level."""
         where = f"level {self.level}, tile {tile + 1}"
         return StoreFormatError(str(self.store.path), where, message, requirement)
+
+    def _runs(self, limits: dict[str, NDArray[Any]], what: str) -> tuple[Ints, Ints]:
+        """First id and number of ids of each tile."""
+        first, last = limits[f"first_{what}"], limits[f"last_{what}"]
+        is_none = (first == NONE_ID) & (last == NONE_ID)
+        if not {first.dtype.kind, last.dtype.kind} <= {"i"} or not (is_none | ((first > 0) & (last >= first))).all():
+            message = f"found a range of {what}s of level {self.level} that is none"
+            raise StoreFormatError(str(self.store.path), "table tile_level", message, "R-132")
+        return first, np.where(is_none, 0, last - first + 1)
 
     def _tile_of(self, ids: Ints, first: Ints, count: Ints, what: str) -> Ints:
         filled = np.flatnonzero(count)
@@ -199,6 +210,8 @@ class LevelTiles:
             Faces, edges and T-junctions do not fit.
         """
         faces = self.store.tile_faces(self.level, tile + 1)
+        if len(faces["face_id"]) != self.n_face[tile]:
+            raise self.broken(tile, f"found {len(faces['face_id'])} faces, expected {self.n_face[tile]}", "R-132")
         node_ids, face_nodes = np.unique(np.stack([faces[f"node_{i}"] for i in (1, 2, 3)], axis=1), return_inverse=True)
         of_sides = np.stack([faces[f"edge_{i}"] for i in (1, 2, 3)], axis=1).ravel()
         junctions = self._junctions(tile)
@@ -231,10 +244,8 @@ class LevelTiles:
         first, count = int(self._first_edge[tile]), int(self._n_edge[tile])
         is_own = of_sides > self.most_set_aside
         at = of_sides[is_own] - first
-        is_named = np.zeros(count, bool)
-        if at.min(initial=0) >= 0 and at.max(initial=-1) < count:
-            is_named[at] = True
-        if not is_named.all() or (count == 0 and len(at)):
+        is_good = count <= len(at) and at.min(initial=0) >= 0 and at.max(initial=-1) < count
+        if not is_good or len(np.unique(at)) < count:
             raise self.broken(tile, "found faces that do not name each edge of the tile", "R-132")
         own = first + np.arange(count)
         shared = np.unique(of_sides[~is_own])

@@ -10,8 +10,9 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
-from vpfx.errors import InputError
+from vpfx.errors import InputError, StoreFormatError
 from vpfx.evpf.classes import read_class_tables
 from vpfx.evpf.features import LevelFeatures
 from vpfx.evpf.folder import Folder
@@ -109,6 +110,15 @@ def export_vpf(
         )
 
 
+def _tile_extents(store: StoreReader) -> NDArray[np.float64]:
+    """Min x, min y, max x, max y of each tile."""
+    columns = store.tiles()
+    sides = [columns[name] for name in ("xmin", "ymin", "xmax", "ymax")]
+    if any(side.dtype.kind != "f" or not np.isfinite(side).all() for side in sides):
+        raise StoreFormatError(str(store.path), "table tile", "found an extent that is none", "R-130")
+    return np.stack(sides, axis=1)
+
+
 class _Writer:
     """Writes the parts of one database."""
 
@@ -118,8 +128,7 @@ class _Writer:
         if self.tiling.n_tile > MOST_TILES:
             raise InputError(f"{store.path}: found {self.tiling.n_tile} tiles, expected at most {MOST_TILES} (E-101)")
         self.classes = read_class_tables(store)
-        columns = store.tiles()
-        self.extents = np.stack([columns[name] for name in ("xmin", "ymin", "xmax", "ymax")], axis=1)
+        self.extents = _tile_extents(store)
         self.paths = tile_paths(self.tiling)
         self._large: list[tuple[str, int]] = []
 

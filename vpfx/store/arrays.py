@@ -280,10 +280,10 @@ def look_up(known: NDArray[np.int64], wanted: NDArray[np.int64]) -> tuple[NDArra
 
 def to_array(values: Any, is_real: bool = False) -> NDArray[Any]:
     """Array of one column of rows; NULL is -1, or NaN in columns of reals."""
-    if any(isinstance(value, str) for value in values[:1]):
-        return np.array(values)
     if is_real or any(isinstance(value, float) for value in values[:1]):
         return np.array(values, np.float64)
+    if any(isinstance(value, str) for value in values[:1]):
+        return np.array(values)
     try:
         return np.array(values, np.int64)
     except TypeError:

@@ -121,11 +121,9 @@ class StoreReader:
     @property
     def sources(self) -> list[dict[str, Any]]:
         """The files of posts and features: name, sha256, byte_count, driver."""
-        query = "SELECT name, sha256, byte_count, driver FROM source ORDER BY source_id"
-        return [
-            dict(zip(("name", "sha256", "byte_count", "driver"), row, strict=True))
-            for row in self._connection.execute(query)
-        ]
+        names = ("name", "sha256", "byte_count", "driver")
+        rows = self.raw(f"SELECT {', '.join(names)} FROM source ORDER BY source_id")
+        return [dict(zip(names, row, strict=True)) for row in rows]
 
     @property
     def classes(self) -> dict[str, FeatureClass]:
@@ -374,15 +372,21 @@ class StoreReader:
     def select(self, query: str, values: Sequence[Any] = ()) -> dict[str, NDArray[Any]]:
         """Run a query and return its columns as arrays; NULL is -1, or NaN in columns of reals.
 
-        Examples
-        --------
-        ``store.select("SELECT level, max_error FROM level WHERE max_error < ?", (10,))``
+        Raises
+        ------
+        StoreFormatError
+            A value is not of the kind of its column, as far as the first one tells.
         """
         cursor = self._connection.execute(query, values)
         names = [column[0] for column in cursor.description]
         rows = cursor.fetchall()
         columns = zip(*rows, strict=True) if rows else ([] for _ in names)
-        return {name: to_array(column, name in REALS) for name, column in zip(names, columns, strict=True)}
+        try:
+            return {name: to_array(column, name in REALS) for name, column in zip(names, columns, strict=True)}
+        except (TypeError, ValueError, OverflowError) as error:
+            raise StoreFormatError(
+                str(self.path), ", ".join(names), "found a value of another kind", "R-102"
+            ) from error
 
 
 def _checked_box(bbox: Any) -> Extent:
