@@ -332,6 +332,27 @@ def test_a_database_of_others_stays(store, tmp_path):
         export_vpf(store, tmp_path / "nm", overwrite=True)
 
 
+@pytest.mark.parametrize("place", [".", "terrain/tin0"])
+def test_what_cannot_be_read_stays(place, store, tmp_path, monkeypatch):
+    export_vpf(store, tmp_path / "nm")
+    closed, scan, names_of = str(tmp_path / "nm" / place), os.scandir, os.listdir
+
+    def refuse(read):
+        def call(path="."):
+            if str(path) == closed:
+                raise PermissionError(errno.EACCES, os.strerror(errno.EACCES), closed)
+            return read(path)
+
+        return call
+
+    monkeypatch.setattr(os, "scandir", refuse(scan))
+    monkeypatch.setattr(os, "listdir", refuse(names_of))
+    with pytest.raises(StoreError, match=r"nm: found something that cannot be read \(Permission denied\), expected"):
+        export_vpf(store, tmp_path / "nm", overwrite=True)
+    monkeypatch.undo()
+    assert sorted(os.listdir(tmp_path)) == ["nm"]
+
+
 # --- failures ---------------------------------------------------------------------------------------------------------------
 
 

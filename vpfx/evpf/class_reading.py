@@ -156,6 +156,7 @@ def _read_values(coverage: Coverage, columns: Table, store_id: Ints, names: list
 def _read_own(runs: TileRuns, classes: list[_Class], editor: Editor, first_face: Ints, n_face: Ints) -> None:
     """Give the faces of a level their features."""
     parts: list[tuple[Ints, Run]] = []
+    n_row = 0
     for tile, (first, n) in enumerate(zip(first_face.tolist(), n_face.tolist(), strict=True), 1):
         rows = runs.take(tile)
         face = rows["fac_id"].astype(np.int64) - FIRST_FACE
@@ -163,9 +164,10 @@ def _read_own(runs: TileRuns, classes: list[_Class], editor: Editor, first_face:
         message = f"found fac_id {{}}, expected {FIRST_FACE} … {FIRST_FACE + n - 1}"
         check(is_there, rows.path, message, "E-430", rows["fac_id"], start=rows.start)
         parts.append((first + face, rows))
-        if sum(len(face_id) for face_id, _ in parts) >= BATCH or tile == len(n_face):
+        n_row += rows.n_row
+        if n_row >= BATCH or tile == len(n_face):
             _set_faces(parts, classes, editor)
-            parts = []
+            parts, n_row = [], 0
     runs.finish()
 
 

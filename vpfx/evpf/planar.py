@@ -227,16 +227,17 @@ def by_direction(xy: Floats, node: Ints, away: Ints) -> tuple[Ints, Ints]:
     step = xy[away] - xy[node]
     half = np.where((step[:, 1] > 0) | ((step[:, 1] == 0) & (step[:, 0] > 0)), 0, 1)
     order = np.lexsort((np.arctan2(step[:, 1], step[:, 0]) % (2 * np.pi), half, node))
-    turn = _turns(xy, node[order], away[order], half[order])
-    for at in np.unique(node[order[np.flatnonzero(turn < 0)]]).tolist():  # doubles told the order wrong: next to none
-        place = np.flatnonzero(node[order] == at)
+    at_node = node[order]
+    turn = _turns(xy, at_node, away[order], half[order])
+    for at in np.unique(at_node[np.flatnonzero(turn < 0)]).tolist():  # doubles told the order wrong: next to none
+        place = np.arange(*np.searchsorted(at_node, (at, at + 1)))
 
         def compare(p: int, q: int) -> int:
             found = orientations(xy[node[[p]]], xy[away[[p]]], xy[away[[q]]])[0]
             return int(half[p] - half[q]) if half[p] != half[q] else -int(found)
 
         order[place] = sorted(order[place].tolist(), key=cmp_to_key(compare))
-    return order, np.flatnonzero(_turns(xy, node[order], away[order], half[order]) == 0) + 1
+    return order, np.flatnonzero(_turns(xy, at_node, away[order], half[order]) == 0) + 1
 
 
 def _turns(xy: Floats, node: Ints, away: Ints, half: Ints) -> NDArray[np.int8]:

@@ -43,7 +43,7 @@ def find_broken(
     numbers : TileNumbers
     edge_nodes : int64 (n_edge, 2)
     borders : Extent
-        Sides of the tile that are borders to other tiles, not rounded; infinite where there is none.
+        Sides of the tile that are borders to other tiles, not rounded; NaN where there is none.
     exact : float64 (n_node, 3)
         Places before.
 
@@ -95,9 +95,7 @@ def _turned(xy: Floats, numbers: TileNumbers) -> Ints:
     turned = plain[orientations(a, b, c) <= 0]
     several = np.flatnonzero(n_side > 3)
     corners = np.stack([numbers.faces[f"node_{i}"][several] for i in (1, 2, 3)], axis=1)
-    middle = xy[np.searchsorted(numbers.node_ids, corners)].sum(
-        axis=1
-    )  # three times; if rounded, another place as good
+    middle = xy[np.searchsorted(numbers.node_ids, corners)].sum(axis=1)  # three times; if rounded, a place as good
     side = np.flatnonzero(np.repeat(n_side > 3, n_side))
     of = np.repeat(np.arange(len(several)), n_side[several])
     start, end = 3.0 * xy[sides.start[side]], 3.0 * xy[numbers.side_end[side]]

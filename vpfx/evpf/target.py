@@ -148,13 +148,9 @@ class DatabaseTarget:
 
     def publish(self) -> int:
         """Give the directory its name; return the bytes of all its files."""
-        size = sum(
-            os.path.getsize(os.path.join(folder, name))
-            for folder, _, names in os.walk(self._under_way)
-            for name in names
-        )
         old = self.path.with_name(f".{self.path.name}.{os.getpid()}.old")
         try:
+            size = sum(file.stat().st_size for file in self._under_way.rglob("*") if file.is_file())
             self._check_place()
             if os.path.lexists(self.path):
                 os.rename(self.path, old)
@@ -182,18 +178,26 @@ def find_foreign(path: Path) -> str | None:
         names = {name.lower(): name for name in os.listdir(path)}
         originator = texts(read_table(path / names.get("dht", "dht"))["originator"])
         libraries = texts(read_table(path / names.get("lat", "lat"))["library_name"])
+        own = [library.lower() for library in libraries if library]
+        inside = list(os.walk(path, onerror=_fail))
     except VpfxError:
         return "no database that vpfx wrote"
+    except OSError as error:
+        return f"something that cannot be read ({error.strerror})"
     if originator != [ORIGINATOR]:
         return "a database of another producer"
-    for folder, folders, files in os.walk(path):
+    for folder, folders, files in inside:
         parts = Path(folder).relative_to(path).parts
         for name in (*folders, *files):
-            if not _is_own(parts, name, [library.lower() for library in libraries if library]):
+            if not _is_own(parts, name, own):
                 return str(Path(*parts, name))
             if os.path.islink(os.path.join(folder, name)):
                 return f"the link {Path(*parts, name)}"
     return None
+
+
+def _fail(error: OSError) -> None:
+    raise error
 
 
 def _is_own(parts: tuple[str, ...], name: str, libraries: list[str]) -> bool:

@@ -72,7 +72,7 @@ class TileReader:
         self.n_face = np.zeros((tiling.n_tile, len(coverages)), np.int64)
         self._stack = ExitStack()
         with ExitStack() as stack:
-            self._is_nested = self._find_nested(coverages, stack)
+            self._is_nested = len(coverages) == 1 or _is_nested(coverages[1])
             self._levels = [self._open(coverage, level, stack) for level, coverage in enumerate(coverages)]
             self._stack = stack.pop_all()
 
@@ -81,13 +81,6 @@ class TileReader:
 
     def __exit__(self, *_: object) -> None:
         self._stack.close()
-
-    @staticmethod
-    def _find_nested(coverages: list[Coverage], stack: ExitStack) -> bool:
-        """Tell whether levels are nested: links have no areas then."""
-        if len(coverages) == 1:
-            return True
-        return stack.enter_context(open_checked(coverages[1], "parent.rat", PARENTS)).layout.find("area") is None
 
     def _open(self, coverage: Coverage, level: int, stack: ExitStack) -> _Level:
         def runs(name: str, wanted: dict[str, str]) -> TileRuns:
@@ -193,6 +186,12 @@ class TileReader:
             is_area = np.isfinite(area) & (area > 0)
             check(is_area, rows.path, "found area {}, expected one above 0", "E-420", area, start=rows.start)
         return replace(mesh, links=np.stack(link, axis=1).astype(np.int32), link_area=area)
+
+
+def _is_nested(coverage: Coverage) -> bool:
+    """Tell whether levels are nested: the links of the second one have no areas then."""
+    with open_checked(coverage, "parent.rat", PARENTS) as file:
+        return file.layout.find("area") is None
 
 
 def _check_none(faces: Run, why: str) -> None:
