@@ -21,8 +21,8 @@ from surfaces import SOLID, hills, write_dem
 import vpfx
 from vpfx.cli import main
 from vpfx.errors import InputError, NotFoundError, StoreError, VpfFormatError
-from vpfx.evpf.corners import Edges, Rings, face_corners, walk_rings
 from vpfx.evpf.reading import import_vpf
+from vpfx.evpf.tile_rings import Edges, Rings, face_corners, walk_rings
 from vpfx.evpf.writing import export_vpf
 from vpfx.store.edit import edit_store
 from vpfx.vpf.table import Ragged, read_table, write_table

@@ -25,9 +25,9 @@ from vpfx.cli import main
 from vpfx.errors import InputError, NotFoundError, StoreError, StoreFormatError
 from vpfx.evpf import target as targets
 from vpfx.evpf import writing
+from vpfx.evpf.classes import OWN_CLASSES, cut_names
 from vpfx.evpf.joins import Joins
-from vpfx.evpf.names import OWN_CLASSES, cut_names
-from vpfx.evpf.numbering import TileNumbers
+from vpfx.evpf.numbering import EdgeRows, TileNumbers
 from vpfx.evpf.planar import Sides
 from vpfx.evpf.precision import find_broken
 from vpfx.evpf.writing import export_vpf
@@ -123,10 +123,10 @@ def numbers_of(triangles):
     sides = Sides(np.array(start), np.array(edge), np.arange(0, len(start) + 1, 3))
     faces = {f"node_{i + 1}": np.array([corners[i] for corners in triangles]) for i in range(3)}
     n_node = 1 + max(start)
-    nothing = np.zeros(0, int), np.zeros(0, int), np.zeros(0)
-    return TileNumbers(np.arange(n_node), np.arange(len(edges)), len(edges), faces, sides, nothing), np.array(
-        list(edges)
-    )
+    none = np.zeros(0, int)
+    rows = EdgeRows(0, 1, len(edges), none, none)
+    numbers = TileNumbers(np.arange(n_node), np.arange(len(edges)), rows, faces, sides, (none, none, np.zeros(0)))
+    return numbers, np.array(list(edges))
 
 
 TWO = [(0, 1, 2), (3, 4, 5)]
@@ -458,9 +458,9 @@ def test_a_store_that_is_broken_is_told(change, store, tmp_path):
 
 
 BROKEN_CLASS = {
-    "UPDATE soil SET code = 'many'": "table soil: column code: found 'many', expected an integer.*R-223",
-    "UPDATE soil SET depth = x'00'": "table soil: column depth: .*R-223",
-    "UPDATE soil SET day = 3": "table soil: column day: found '3', expected a date.*R-223",
+    "UPDATE soil SET code = 'many'": "table soil: column code: found 'many', expected an integer.*R-221",
+    "UPDATE soil SET depth = x'00'": "table soil: column depth: .*R-221",
+    "UPDATE soil SET day = 3": "table soil: column day: found '3', expected a date.*R-221",
     "UPDATE value_description SET column_name = 'height'": "table value_description: .*R-222",
     "UPDATE value_description SET value = x'00'": "table value_description: .*R-222",
 }

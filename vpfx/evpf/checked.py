@@ -16,7 +16,10 @@ from vpfx.vpf.header import COUNTED, TEXT_KINDS, Layout
 from vpfx.vpf.table import Ragged, Table, TableFile, open_table
 from vpfx.vpf.values import texts
 
-__all__ = ["check", "check_ids", "given_texts", "open_checked", "read_checked", "read_texts"]
+__all__ = ["Run", "TileRuns", "check", "given_texts", "open_checked", "read_checked", "read_texts"]
+
+BATCH = 1 << 15
+"""Rows of a table by tile that are read at once."""
 
 
 def open_checked(coverage: Coverage, name: str, wanted: Mapping[str, str], tile_id: int = 0) -> TableFile:
@@ -58,7 +61,7 @@ def read_checked(coverage: Coverage, name: str, wanted: Mapping[str, str], tile_
     """
     with open_checked(coverage, name, wanted, tile_id) as file:
         table = file.read()
-    check_ids(table)
+    _check_ids(table)
     return table
 
 
@@ -75,7 +78,7 @@ def _check_columns(layout: Layout, wanted: Mapping[str, str], path: str) -> None
             raise VpfFormatError(path, "header", f"found column {name!r} of type {found}, expected {expected}", "E-100")
 
 
-def check_ids(table: Table, start: int = 0) -> None:
+def _check_ids(table: Table, start: int = 0) -> None:
     """Refuse a part of a table, from row index `start` on, whose rows do not count from 1."""
     expected = np.arange(start + 1, start + 1 + table.n_row)
     ids = table["id"]
@@ -153,3 +156,83 @@ def given_texts(table: Table, name: str) -> list[Any]:
     if None in found:
         raise VpfFormatError(table.path, f"row {found.index(None) + 1}", f"found no {name}, expected a text", "E-101")
     return found
+
+
+class Run:
+    """Rows of one tile.
+
+    Attributes
+    ----------
+    path : str
+        The table.
+    start : int
+        Row index of the first.
+    n_row : int
+    """
+
+    def __init__(self, path: str, start: int, parts: list[dict[str, NDArray[Any]]]) -> None:
+        self.path, self.start = path, start
+        self._columns = {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
+        self.n_row = len(self._columns["tile_id"])
+
+    def __getitem__(self, name: str) -> NDArray[Any]:
+        return self._columns[name]
+
+    def __contains__(self, name: str) -> bool:
+        return name in self._columns
+
+
+class TileRuns:
+    """The rows of a table without counted columns, by tile.
+
+    Parameters
+    ----------
+    file : TableFile
+        With columns `id` and `tile_id`; stays open as long as rows are taken.
+    """
+
+    def __init__(self, file: TableFile) -> None:
+        self._file = file
+        self._at = 0  # row index of the next row to hand out
+        self._batch: Table | None = None
+        self._batch_start = 0
+
+    def take(self, tile_id: int) -> Run:
+        """Return the rows of a tile, the next in order.
+
+        Raises
+        ------
+        VpfFormatError
+            An id is not that of its row, or rows of other tiles come first.
+        """
+        start = self._at
+        parts = []
+        while True:
+            part, is_end = self._leading(tile_id)
+            parts.append(part)
+            if is_end:
+                return Run(self._file.path, start, parts)
+
+    def finish(self) -> None:
+        """Refuse rows that are left: they are of no tile."""
+        if self._at < self._file.n_row:
+            found = self._file.read(self._at, self._at + 1)["tile_id"][0]
+            message = f"found tile {found}, expected one of the library, in order"
+            raise VpfFormatError(self._file.path, f"row {self._at + 1}", message, "E-101")
+
+    def _leading(self, tile_id: int) -> tuple[dict[str, NDArray[Any]], bool]:
+        """Rows of the tile at the head of the batch, and whether no more may follow."""
+        if self._batch is None or self._at == self._batch_start + self._batch.n_row:
+            self._batch = self._file.read(self._at, self._at + BATCH)
+            self._batch_start = self._at
+            _check_ids(self._batch, self._at)
+        first = self._at - self._batch_start
+        tiles = self._batch["tile_id"][first:]
+        is_same = tiles == tile_id
+        n_row = len(tiles) if is_same.all() else int(np.argmin(is_same))
+        if n_row < len(tiles) and tiles[n_row] < tile_id:
+            message = f"found tile {tiles[n_row]} where tile {tile_id} or a later one is due, expected rows by tile"
+            raise VpfFormatError(self._file.path, f"row {self._at + n_row + 1}", message, "E-101")
+        part = {name: values[first : first + n_row] for name, values in self._batch.columns.items()}
+        self._at += n_row
+        return part, n_row < len(tiles) or self._at == self._file.n_row

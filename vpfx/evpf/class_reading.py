@@ -9,9 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vpfx.errors import VpfFormatError
-from vpfx.evpf.checked import check, given_texts, open_checked, read_checked, read_texts
+from vpfx.evpf.checked import Run, TileRuns, check, given_texts, open_checked, read_checked, read_texts
 from vpfx.evpf.numbering import FIRST_FACE
-from vpfx.evpf.runs import Run, TileRuns
 from vpfx.store.classes import Column
 from vpfx.store.edit import Editor
 from vpfx.vpf.catalog import Coverage

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -9,7 +10,6 @@ from numpy.typing import NDArray
 
 from vpfx.errors import InputError, StoreFormatError
 from vpfx.evpf.folder import Folder
-from vpfx.evpf.names import COLUMN_NAMES, OWN_CLASSES, cut_names
 from vpfx.evpf.texts import as_written, to_vpf
 from vpfx.store.classes import Column as StoreColumn
 from vpfx.store.classes import FeatureClass, stored
@@ -18,7 +18,15 @@ from vpfx.vpf import layouts
 from vpfx.vpf.table import Column, Layout
 from vpfx.vpf.values import NULL_INT
 
-__all__ = ["ClassTable", "described", "read_class_tables", "text_column", "write_class", "write_values"]
+__all__ = [
+    "OWN_CLASSES",
+    "ClassTable",
+    "cut_names",
+    "read_class_tables",
+    "text_column",
+    "write_class",
+    "write_values",
+]
 
 Ints = NDArray[np.int64]
 
@@ -27,6 +35,19 @@ MOST_INT = 2**31 - 3
 
 MOST_DESCRIPTION = 80
 SPECIAL = str.maketrans(dict.fromkeys(';:,=\\"#', " "))
+
+DEVICES = ("aux", "con", "nul", "prn", *(f"{port}{i}" for port in ("com", "lpt") for i in range(10)))
+"""Names that Windows keeps for devices, whatever the suffix."""
+
+OWN_CLASSES = (
+    "tinface", "tinnode", "libref", "tileref", "level", "parent", "own", "evpf", "source", "class", "column", "value",
+    "tjunct", "tile1", "tile2", "cnd", "edg", "fac", "rng", "ebr", "fbr", "fcs", "fca", "int", "char",
+    *DEVICES,
+)  # fmt: skip
+"""Names of `specs/evpf.md`, and of devices, that no class of a store may have."""
+
+COLUMN_NAMES = ("id", "tile_id", "fac_id", "store_id")
+"""The same of columns."""
 
 
 class ClassTable(NamedTuple):
@@ -59,6 +80,32 @@ class ClassTable(NamedTuple):
     def column_names(self) -> dict[str, str]:
         """Names as written, by those of the store."""
         return dict(zip(self.stored.columns, (column.name for column in self.layout.columns[1:-1]), strict=True))
+
+
+def cut_names(names: Iterable[str], width: int, taken: Iterable[str]) -> list[str]:
+    """Cut names to a width, each to another name; where one is taken, its last two characters are a number.
+
+    Raises
+    ------
+    InputError
+        More than 99 names begin alike.
+
+    Examples
+    --------
+    >>> cut_names(["soil", "vegetation", "vegetation_cover", "level"], 8, OWN_CLASSES)
+    ['soil', 'vegetati', 'vegeta01', 'level01']
+    """
+    used, found = set(taken), []
+    for name in names:
+        choices = [name[:width], *(f"{name[: width - 2]}{i:02}" for i in range(1, 100))]
+        free = next((choice for choice in choices if choice not in used), None)
+        if free is None:
+            raise InputError(
+                f"found more than 99 names that begin with {name[: width - 2]!r}; rename some in the store"
+            )
+        used.add(free)
+        found.append(free)
+    return found
 
 
 def text_column(name: str, texts: list[str | None], description: str = "") -> tuple[Column, list[str | None]]:
@@ -113,7 +160,7 @@ def _read_class(store: StoreReader, found: FeatureClass, name: str) -> ClassTabl
         try:
             given_values = [stored(row[i], kind, of_store) for row in given]
         except InputError as error:
-            raise StoreFormatError(str(store.path), f"table {found.name}", str(error), "R-223") from None
+            raise StoreFormatError(str(store.path), f"table {found.name}", str(error), "R-221") from None
         column, written[short_name] = _column(short_name, kind, given_values)
         if of_store in coded and column.kind in "ITL":
             column = column._replace(value_table="int.vdt" if column.kind == "I" else "char.vdt")

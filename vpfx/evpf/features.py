@@ -21,7 +21,7 @@ from vpfx.evpf.precision import rounded
 from vpfx.query.attributes import attributes
 from vpfx.store.arrays import look_up, runs_of
 from vpfx.vpf import layouts, thematic_index
-from vpfx.vpf.table import Column, TableWriter
+from vpfx.vpf.table import Column, Layout, TableWriter
 from vpfx.vpf.values import NULL_INT
 
 __all__ = ["LevelFeatures"]
@@ -89,15 +89,12 @@ class LevelFeatures:
     ) -> None:
         self._open.__exit__(kind, error, trace)
 
-    def _layouts(self) -> dict[str, Any]:
+    def _layouts(self) -> dict[str, Layout]:
         """Tables that are written tile by tile."""
-        faces = tuple(c._replace(index="tile1.ati") if c.name == "tile_id" else c for c in _tail("fac"))
-        nodes = tuple(c._replace(index="tile2.pti") if c.name == "tile_id" else c for c in _tail("cnd"))
-        face_layout = layouts.feature("Faces of the TIN", FACE_COLUMNS, "fac", is_tiled=True)
-        node_layout = layouts.feature("Nodes of the TIN", NODE_COLUMNS, "cnd", is_tiled=True)
+        faces = layouts.feature("Faces of the TIN", FACE_COLUMNS, "fac", is_tiled=True)
+        nodes = layouts.feature("Nodes of the TIN", NODE_COLUMNS, "cnd", is_tiled=True)
         found = {
-            "tinface.aft": face_layout._replace(columns=(*face_layout.columns[:-2], *faces)),
-            "tinnode.pft": node_layout._replace(columns=(*node_layout.columns[:-2], *nodes)),
+            "tinface.aft": _indexed(faces, "tile1.ati"), "tinnode.pft": _indexed(nodes, "tile2.pti"),
             "fac.fit": layouts.fit(is_tiled=True), "cnd.fit": layouts.fit(is_tiled=True),
         }  # fmt: skip
         if self._has_junctions:
@@ -259,6 +256,7 @@ class LevelFeatures:
         self._coverage.write("fca", layouts.fca(DESCRIPTION_WIDTH), {"id": list(range(1, len(kinds) + 1)), **described})
 
 
-def _tail(primitive: str) -> tuple[Column, ...]:
-    """Last two columns of a feature table."""
-    return layouts.feature("", (), primitive, is_tiled=True).columns[-2:]
+def _indexed(layout: Layout, index: str) -> Layout:
+    """Return a layout whose tiles have a thematic index."""
+    columns = (c._replace(index=index) if c.name == "tile_id" else c for c in layout.columns)
+    return layout._replace(columns=tuple(columns))

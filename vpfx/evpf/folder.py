@@ -22,6 +22,11 @@ class Folder:
     is_upper : bool
         Whether names are written in upper case, else lower.
 
+    Raises
+    ------
+    StoreError
+        The medium refuses; so do all methods that write.
+
     Examples
     --------
     >>> Folder(Path(), is_upper=True).named("tinface.aft")

@@ -13,9 +13,27 @@ from vpfx.evpf.folder import Folder
 from vpfx.store.reader import StoreReader
 from vpfx.vpf.table import Column, Layout
 
-__all__ = ["EVPF_VERSION", "junction_layout", "own_layout", "parent_layout", "write_level", "write_whole"]
+__all__ = [
+    "COUNTS",
+    "CUTS",
+    "EVPF_VERSION",
+    "HEAD",
+    "METRES",
+    "junction_layout",
+    "own_layout",
+    "parent_layout",
+    "write_level",
+    "write_whole",
+]
 
 EVPF_VERSION = "1.0"
+HEAD = ("evpf_version", "precision", "level_count", "tile_size")
+"""First rows of `evpf.rat`; those of the store's `metadata` follow."""
+
+METRES = ("max_error_bound", "max_error", "rmse", "max_rise")
+COUNTS = ("node_count", "edge_count", "face_count")
+CUTS = ("one_edge", "two_edges", "three_edges", "centre", "centre_edge")
+"""Columns of `level.rat`; cuts in the order of `vpfx.model.CUTS`."""
 
 Ints = NDArray[np.int64]
 
@@ -57,15 +75,12 @@ def junction_layout() -> Layout:
 def write_level(coverage: Folder, store: StoreReader, level: int) -> None:
     """Write `level.rat`."""
     line = store.levels[level]
-    metres = ("max_error_bound", "max_error", "rmse", "max_rise")
-    counts = ("node_count", "edge_count", "face_count")
-    cuts = ("one_edge", "two_edges", "three_edges", "centre", "centre_edge")
     columns = (
         ID, Column("level", "S", 1, "N", "Level from 0 the coarsest"),
-        *(Column(name, "R", 1, "N", f"{name.replace('_', ' ').capitalize()} in metres") for name in metres),
+        *(Column(name, "R", 1, "N", f"{name.replace('_', ' ').capitalize()} in metres") for name in METRES),
         Column("post_count", "T", -1, "N", "Posts measured"),
-        *(Column(name, "I", 1, "N", f"Number of {name.split('_')[0]}s of all tiles") for name in counts),
-        *(Column(name, "I", 1, "N", f"Cuts of kind {name.replace('_', ' ')}") for name in cuts),
+        *(Column(name, "I", 1, "N", f"Number of {name.split('_')[0]}s of all tiles") for name in COUNTS),
+        *(Column(name, "I", 1, "N", f"Cuts of kind {name.replace('_', ' ')}") for name in CUTS),
     )  # fmt: skip
     values: list[Any] = [
         1, level, *(np.nan if value is None else value for value in line[1:5]), str(line.posts),
@@ -79,11 +94,9 @@ def write_whole(coverage: Folder, store: StoreReader, tables: Sequence[ClassTabl
     """Write what is said once, in `tin0`: `evpf.rat`, `source.rat`, and where there are classes their definitions."""
     kept = "" if is_double else "WHERE name <> 'coordinate_precision' "  # the precision of the directory says it
     metadata = store.raw(f"SELECT name, value FROM metadata {kept}ORDER BY name")
-    own = {
-        "evpf_version": EVPF_VERSION, "precision": "double" if is_double else "single",
-        "level_count": str(len(store.levels)), "tile_size": str(store.metadata["options"]["tile_size"]),
-    }  # fmt: skip
-    names, values = zip(*own.items(), *metadata, strict=True)
+    tile_size = store.metadata["options"]["tile_size"]
+    own = EVPF_VERSION, "double" if is_double else "single", str(len(store.levels)), str(tile_size)
+    names, values = zip(*zip(HEAD, own, strict=True), *metadata, strict=True)
     _write(coverage, "evpf.rat", "What the Store Knows", {"name": list(names), "value": list(values)}, {})
     sources = store.sources
     fixed = {"sha256": Column("sha256", "T", 64, "N", "Digest of the file")}

@@ -16,13 +16,43 @@ from vpfx.store.arrays import NONE_ID, look_up
 from vpfx.store.reader import StoreReader
 from vpfx.store.tiles import Tiling
 
-__all__ = ["FIRST_FACE", "LevelTiles", "Summary", "TileNumbers", "tiling_of"]
+__all__ = ["FIRST_FACE", "MOST_TILES", "EdgeRows", "LevelTiles", "Summary", "TileNumbers", "tiling_of"]
 
 Ints = NDArray[np.int64]
 Floats = NDArray[np.float64]
 
 FIRST_FACE = 2
 """Row in `fac` of the first face of a tile: the universe has row 1."""
+
+MOST_TILES = 2**15 - 1
+"""Tiles of a store: `tile_id` is S (E-101)."""
+
+
+class EdgeRows(NamedTuple):
+    """Which edges a tile of a level has: those of the tile alone, then those whose ids are set aside for borders.
+
+    Attributes
+    ----------
+    most_set_aside : int
+        Greatest edge id set aside for borders; those of the tile alone are greater.
+    first_own, n_own : int
+        Least id of the edges of the tile alone, which follow each other but for those left out, and their number.
+    left_out : int64 (n,)
+        Edges of the store that the tile has in pieces, ascending.
+    set_aside : int64 (n,)
+        Ids, ascending.
+    """
+
+    most_set_aside: int
+    first_own: int
+    n_own: int
+    left_out: Ints
+    set_aside: Ints
+
+    def indices(self, edge_ids: Ints) -> Ints:
+        """Indices of edges that the tile has."""
+        own = edge_ids - self.first_own - np.searchsorted(self.left_out, edge_ids)
+        return np.where(edge_ids > self.most_set_aside, own, self.n_own + np.searchsorted(self.set_aside, edge_ids))
 
 
 class TileNumbers(NamedTuple):
@@ -34,8 +64,8 @@ class TileNumbers(NamedTuple):
         Ids in the store, in the order of rows.
     edge_ids : int64 (n_edge,)
         The same of edges: those of the tile alone, then those whose ids are set aside for borders.
-    n_own_edge : int
-        Edges of the tile alone.
+    edges : EdgeRows
+        Which these are.
     faces : dict of str to array (n_face,)
         Rows of `face` in the store; index i is row i + 2 of `fac`.
     sides : Sides
@@ -46,7 +76,7 @@ class TileNumbers(NamedTuple):
 
     node_ids: Ints
     edge_ids: Ints
-    n_own_edge: int
+    edges: EdgeRows
     faces: dict[str, NDArray[Any]]
     sides: Sides
     junctions: tuple[Ints, Ints, Floats]
@@ -72,30 +102,13 @@ class Summary(NamedTuple):
     Attributes
     ----------
     node_ids, lowest_edge : int64 (n,)
-        Its nodes on borders, ascending, and the row of the lowest edge at each.
-    edge_ids : int64 (n,)
-        Its edges whose ids are set aside, ascending.
-    n_own_edge : int
-        Edges of the tile alone; those set aside follow.
-    first_own_edge : int
-        Least id of these.
-    left_out : int64 (n,)
-        Edges of the store that the tile has in pieces.
+        Its nodes on borders, ascending, and the index of the lowest edge at each.
+    edges : EdgeRows
     """
 
     node_ids: Ints
     lowest_edge: Ints
-    edge_ids: Ints
-    n_own_edge: int
-    first_own_edge: int
-    left_out: Ints
-
-    def edge_rows(self, edge_ids: Ints, most_set_aside: int) -> Ints:
-        """Rows of edges that the tile has."""
-        own = edge_ids - self.first_own_edge - np.searchsorted(self.left_out, edge_ids)
-        return np.where(
-            edge_ids > most_set_aside, own, self.n_own_edge + np.searchsorted(self.edge_ids, edge_ids)
-        ) + np.int64(1)
+    edges: EdgeRows
 
 
 class _Junctions(NamedTuple):
@@ -215,17 +228,11 @@ class LevelTiles:
         node_ids, face_nodes = np.unique(np.stack([faces[f"node_{i}"] for i in (1, 2, 3)], axis=1), return_inverse=True)
         of_sides = np.stack([faces[f"edge_{i}"] for i in (1, 2, 3)], axis=1).ravel()
         junctions = self._junctions(tile)
-        left_out = np.unique(junctions.edge_id)
-        own, shared = self._edge_ids(tile, of_sides, left_out)
-        numbers = TileNumbers(
-            node_ids, np.concatenate([own, shared]), len(own), faces,
-            Sides(face_nodes.ravel(), np.zeros(0, np.int64), np.arange(0, len(of_sides) + 1, 3)),
-            (np.zeros(0, np.int64), np.zeros(0, np.int64), np.zeros(0)),
-        )  # fmt: skip
-        place = Summary(*(np.zeros(0, np.int64),) * 2, shared, len(own), int(self._first_edge[tile]), left_out)
-        edge = place.edge_rows(of_sides, self.most_set_aside) - 1
-        numbers = numbers._replace(sides=numbers.sides._replace(edge=edge))
-        return self._with_pieces(tile, numbers, of_sides, junctions) if len(left_out) else numbers
+        edge_ids, edges = self._edges(tile, of_sides, np.unique(junctions.edge_id))
+        sides = Sides(face_nodes.ravel(), edges.indices(of_sides), np.arange(0, len(of_sides) + 1, 3))
+        none = np.zeros(0, np.int64)
+        numbers = TileNumbers(node_ids, edge_ids, edges, faces, sides, (none, none, np.zeros(0)))
+        return self._with_pieces(tile, numbers, of_sides, junctions) if len(junctions.edge_id) else numbers
 
     def _junctions(self, tile: int) -> _Junctions:
         """T-junctions of a tile: all lie on its own edges or on those set aside for it."""
@@ -239,17 +246,18 @@ class LevelTiles:
         edge_id, node_id, gap = columns
         return _Junctions(edge_id.astype(np.int64), node_id.astype(np.int64), gap.astype(np.float64))
 
-    def _edge_ids(self, tile: int, of_sides: Ints, left_out: Ints) -> tuple[Ints, Ints]:
-        """Ids of the edges of a tile alone, and of those set aside, both ascending, without those in pieces."""
+    def _edges(self, tile: int, of_sides: Ints, left_out: Ints) -> tuple[Ints, EdgeRows]:
+        """Ids of the edges of a tile, without those in pieces, in the order of rows."""
         first, count = int(self._first_edge[tile]), int(self._n_edge[tile])
         is_own = of_sides > self.most_set_aside
         at = of_sides[is_own] - first
         is_good = count <= len(at) and at.min(initial=0) >= 0 and at.max(initial=-1) < count
         if not is_good or len(np.unique(at)) < count:
             raise self.broken(tile, "found faces that do not name each edge of the tile", "R-132")
-        own = first + np.arange(count)
-        shared = np.unique(of_sides[~is_own])
-        return own[~np.isin(own, left_out)], shared[~np.isin(shared, left_out)]
+        both = first + np.arange(count), np.unique(of_sides[~is_own])
+        own, set_aside = (ids[~np.isin(ids, left_out)] for ids in both)
+        edges = EdgeRows(self.most_set_aside, first, len(own), left_out, set_aside)
+        return np.concatenate([own, set_aside]), edges
 
     def _with_pieces(self, tile: int, numbers: TileNumbers, of_sides: Ints, junctions: _Junctions) -> TileNumbers:
         """Put the shorter edges in the place of those that have nodes inside."""
@@ -295,11 +303,7 @@ class LevelTiles:
             return self._summaries[tile]
         numbers = self.numbers(tile)
         at = slice(0, np.searchsorted(numbers.node_ids, self.tiling.n_border_node_id, side="right"))
-        left_out = np.unique(self._junctions(tile).edge_id)
-        found = Summary(
-            numbers.node_ids[at].copy(), numbers.first_edge()[at] + 1, numbers.edge_ids[numbers.n_own_edge :].copy(),
-            numbers.n_own_edge, int(self._first_edge[tile]), left_out,
-        )  # fmt: skip
+        found = Summary(numbers.node_ids[at].copy(), numbers.first_edge()[at].copy(), numbers.edges)
         self._summaries[tile] = found
         while len(self._summaries) > 3 * self.tiling.n_tile_col + 3:
             self._summaries.popitem(last=False)

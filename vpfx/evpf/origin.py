@@ -11,23 +11,19 @@ import numpy as np
 
 from vpfx.errors import StoreFormatError, VpfFormatError
 from vpfx.evpf.checked import check, given_texts, read_checked
+from vpfx.evpf.hierarchy import COUNTS, CUTS, EVPF_VERSION, HEAD, METRES
+from vpfx.evpf.numbering import MOST_TILES
 from vpfx.store.contents import decode_metadata
 from vpfx.store.summary import LevelSummary, LevelTotals
 from vpfx.store.tiles import Place, Tiling
 from vpfx.vpf.catalog import Coverage, Library
 from vpfx.vpf.values import is_null
 
-__all__ = ["VERSION", "Origin", "read_origin"]
+__all__ = ["Origin", "read_origin"]
 
-VERSION = "1.0"
 PRECISIONS = ("single", "double")
-HEAD = ("evpf_version", "precision", "level_count", "tile_size")
-MOST_TILES = 32767  # tile_id is S (E-101)
 MOST_POSTS = 1 << 31  # along a side: ids by place stay below 2⁶³
-CUTS = ("one_edge", "two_edges", "three_edges", "centre", "centre_edge")
-METRES = ("max_error_bound", "max_error", "rmse", "max_rise")
 OPTIONAL = ("class.rat", "tjunct.rat")  # where the store has classes, or the level T-junctions
-COUNTS = ("node_count", "edge_count", "face_count")
 
 
 class Origin(NamedTuple):
@@ -94,7 +90,7 @@ def read_origin(library: Library) -> Origin:
     if tuple(names[: len(HEAD)]) != HEAD:
         raise VpfFormatError(table.path, "row 1", f"found {names[:4]}, expected {', '.join(HEAD)}", "E-400")
     version, precision = values[:2]
-    for row, (value, known) in enumerate(((version, (VERSION,)), (precision, PRECISIONS)), 1):
+    for row, (value, known) in enumerate(((version, (EVPF_VERSION,)), (precision, PRECISIONS)), 1):
         if value not in known:
             message = f"found {HEAD[row - 1]} {value[:20]!r}, expected {' or '.join(known)}"
             raise VpfFormatError(table.path, f"row {row}", message, "E-400")

@@ -10,12 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vpfx.errors import VpfFormatError
-from vpfx.evpf.checked import check, open_checked
-from vpfx.evpf.corners import face_corners
+from vpfx.evpf.checked import Run, TileRuns, check, open_checked
 from vpfx.evpf.numbering import FIRST_FACE
 from vpfx.evpf.places import NodeTable, TileNodes
-from vpfx.evpf.runs import Run, TileRuns
-from vpfx.evpf.tile_rings import Primitives, read_primitives
+from vpfx.evpf.tile_rings import TileRings, face_corners, read_rings
 from vpfx.exact import face_turns
 from vpfx.store.mesh import LevelMesh, TileMesh, TJunctions
 from vpfx.store.records import NULL_INT
@@ -106,7 +104,7 @@ class TileReader:
         for number, level in enumerate(self._levels):
             faces = level.faces.take(tile.number + 1)
             self.n_face[tile.number, number] = faces.n_row
-            found = read_primitives(level.coverage, tile.number + 1, faces.n_row, self._is_double)
+            found = read_rings(level.coverage, tile.number + 1, faces.n_row, self._is_double)
             index = nodes.add(number, self._node_table(level.nodes.take(tile.number + 1), found))
             mesh = self._level_mesh(level, tile, found, faces, index)
             if before is None or level.parents is None:
@@ -127,7 +125,7 @@ class TileReader:
                 if runs is not None:
                     runs.finish()
 
-    def _node_table(self, rows: Run, found: Primitives) -> NodeTable:
+    def _node_table(self, rows: Run, found: TileRings) -> NodeTable:
         """Nodes of a coverage with their features."""
         _check_each(rows, "cnd_id", len(found.xyz), 1)
         z, z_parent = rows["z"], rows["z_parent"]
@@ -142,7 +140,7 @@ class TileReader:
         check(is_good, rows.path, message, "E-300", z_parent, start=rows.start)
         return NodeTable(found.node_path, found.xyz, z_parent, first)
 
-    def _level_mesh(self, level: _Level, tile: Tile, found: Primitives, rows: Run, index: Ints) -> LevelMesh:
+    def _level_mesh(self, level: _Level, tile: Tile, found: TileRings, rows: Run, index: Ints) -> LevelMesh:
         """Faces of a level without links."""
         _check_each(rows, "fac_id", rows.n_row, FIRST_FACE)
         filled = rows["filled"]
@@ -225,7 +223,7 @@ def _slopes(rows: Run) -> tuple[Ints, Ints]:
     return slope.astype(np.int64), np.where(is_level, NULL_INT, aspect)
 
 
-def _corners(found: Primitives, junctions: Run | None) -> tuple[Ints, TJunctions]:
+def _corners(found: TileRings, junctions: Run | None) -> tuple[Ints, TJunctions]:
     """Corners of the faces as rows of `cnd`, from 0, and the nodes inside their sides."""
     n_face, n_node = len(found.rings.first) - 1, len(found.xyz)
     none = np.empty(0, np.int64)

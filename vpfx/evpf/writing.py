@@ -17,18 +17,16 @@ from vpfx.evpf.classes import read_class_tables
 from vpfx.evpf.features import LevelFeatures
 from vpfx.evpf.folder import Folder
 from vpfx.evpf.graph import TileGraph, read_graph
-from vpfx.evpf.headers import Library, write_database, write_library
+from vpfx.evpf.headers import Library, tile_paths, write_database, write_library, write_libref, write_tileref
 from vpfx.evpf.hierarchy import write_level, write_whole
-from vpfx.evpf.numbering import LevelTiles, tiling_of
+from vpfx.evpf.numbering import MOST_TILES, LevelTiles, tiling_of
 from vpfx.evpf.primitives import Primitives, face_boxes, straight, write_primitives
-from vpfx.evpf.references import tile_paths, write_libref, write_tileref
 from vpfx.evpf.target import DatabaseTarget, check_names
 from vpfx.model import Extent, Progress
 from vpfx.store.reader import StoreReader, open_reader
 
 __all__ = ["ExportReport", "export_vpf"]
 
-MOST_TILES = 2**15 - 1
 MOST_SMALL = 2**16 - 1
 """Primitives of a tile that readers with ids of 16 bits can tell apart."""
 
@@ -101,7 +99,9 @@ def export_vpf(
         store.fetch("face", [])  # maps the pages before the snapshot
         with store.snapshot(), DatabaseTarget(Path(path), overwrite=overwrite, is_upper=is_upper) as target:
             writer = _Writer(store, is_double)
-            target.check_lengths(names.name, len(store.levels), writer.paths[-1], [t.name for t in writer.classes])
+            target.check_lengths(
+                names.name, len(store.levels), writer.paths[-1], [table.name for table in writer.classes]
+            )
             root = writer.write_headers(target.folder, names)
             writer.write_levels(root, progress)
             size = target.publish()
