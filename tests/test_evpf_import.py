@@ -194,12 +194,12 @@ DEFECTS = {
         1,
         r"parent.rat: row 1: found child_id 1, expected 2 … \d+ \(E-420\)",
     ),
-    "two parents": (
+    "link out of order": (
         "tin1/parent.rat",
         1,
         "child_id",
         2,
-        r"parent.rat: row 2: found a link out of order|found 2 parents.*E-420",
+        r"parent.rat: row 2: found a link out of order.*E-420",
     ),
     "parent of the features": (
         "tin1/tinface.aft",
@@ -222,10 +222,16 @@ DEFECTS = {
         1,
         r"tinface.aft: row \d+: found tile 1 where tile 4 .*E-101",
     ),
-    "tile that is none": ("tin1/parent.rat", -1, "tile_id", 9, r"parent.rat: row \d+: found tile 9|found 0 parents"),
+    "tile that is none": ("tin1/parent.rat", -1, "tile_id", 9, r"tinface.aft: row \d+: found 0 parents in .*E-420"),
     "row id": ("tin0/tinnode.pft", 2, "id", 7, r"tinnode.pft: row 3: found id 7, expected 3 \(E-101\)"),
     "height": ("tin0/tinnode.pft", 0, "z", 1e3, r"tinnode.pft: row 1: found z 1000.0, expected .*as in cnd \(E-300\)"),
-    "level of a node": ("tin1/tinnode.pft", 0, "first_level", 1, r"found first_level 1|found z_parent"),
+    "level of a node": (
+        "tin1/tinnode.pft",
+        0,
+        "first_level",
+        1,
+        r"tinnode.pft: row 1: found z_parent nan, expected one",
+    ),
     "slope": (
         "tin0/tinface.aft",
         0,
@@ -261,7 +267,7 @@ def test_counts_are_compared(small, tmp_path):
         ("precision", "half", r"row 2: found precision 'half', expected single or double \(E-400\)"),
         ("precision", "single", r"header: found column 'coordinate' of type Y,1, expected Z \(E-100\)"),
         ("level_count", "9", r"row 3: found '9', expected a whole number, 1 … \d+ \(E-400\)"),
-        ("tile_size", "5", r"tileref.aft: found tiles 1, 2, 3, 4, expected|expected a whole number, 8 …"),
+        ("tile_size", "5", r"row 4: found '5', expected a whole number, 8 …"),
         ("tile_size", "20", r"tileref.aft: found tiles 1, 2, 3, 4, expected 1 … 1, .*\(E-104\)"),
         ("lattice", "{}", r"lattice: found \[\], expected dx, dy, n_col, n_row, x0, y0 \(E-400\)"),
         ("lattice", '{"dx": 1e999, "dy": 1, "n_col": 10, "n_row": 12, "x0": 0, "y0": 0}', r"lattice: found .*\(E-400\)"),
@@ -300,7 +306,7 @@ def test_tiles_that_differ_on_their_border(small, tmp_path):
     write_table(paths[1], edges.layout, {**edges.columns, "coordinates": lines})
     write_table(paths[2], features.layout, {**features.columns, "z": z})
     assert re.search(
-        r"terrain: found tables that make no TIN: node \d+: .*|differs from the one of the level before",
+        r"terrain: found tables that make no TIN: node \d+: ",
         refusal(folder),
     )
 
