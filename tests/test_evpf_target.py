@@ -462,6 +462,8 @@ BROKEN_CLASS = {
     "UPDATE soil SET depth = x'00'": "table soil: column depth: .*R-221",
     "UPDATE soil SET day = 3": "table soil: column day: found '3', expected a date.*R-221",
     "UPDATE value_description SET column_name = 'height'": "table value_description: .*R-222",
+    "UPDATE feature_class SET description = x'00'": "class soil: found a description that is no text.*R-220",
+    "UPDATE feature_column SET unit = x'00'": "class soil: found a description that is no text.*R-220",
     "UPDATE value_description SET value = x'00'": "table value_description: .*R-222",
 }
 

@@ -144,6 +144,9 @@ def read_class_tables(store: StoreReader) -> list[ClassTable]:
 def _read_class(store: StoreReader, found: FeatureClass, name: str) -> ClassTable:
     if not 1 <= found.class_id <= MOST_INT:
         raise InputError(f"{store.path}: found class {found.class_id}, expected ids up to {MOST_INT} (E-430)")
+    texts = found.description, *(text for column in found.columns.values() for text in column)
+    if not all(isinstance(text, str) for text in texts):
+        raise StoreFormatError(str(store.path), f"class {found.name}", "found a description that is no text", "R-220")
     rows = store.raw("SELECT feature_id FROM feature WHERE class_id = ? ORDER BY feature_id", (found.class_id,))
     feature_ids = np.array(rows, np.int64).ravel()
     beyond = feature_ids[(feature_ids < 1) | (feature_ids > MOST_INT)]
