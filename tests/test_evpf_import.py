@@ -141,7 +141,7 @@ def damaged(data, chance):
     return changed
 
 
-@pytest.mark.parametrize("n", [25, pytest.param(200, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("n", [12, pytest.param(200, marks=pytest.mark.slow)])
 def test_damage(exported, copy, n):
     """Whatever bytes are changed there is an error, the same store, or one that is whole."""
     chance = random.Random(n)

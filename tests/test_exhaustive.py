@@ -23,9 +23,10 @@ for name, case in CASES.items():
     mode = {"max_error": (0.4, 0.2)} if case.bounded else {"passes": 2}
     allowed = {"is_adjacent": case.adjacent, "is_nested": case.nested}
     RUNS[name] = allowed, {"method": case.method, **case.options, **mode}
-PARTS = 8  # each test takes every eighth grid
+PARTS = 16  # each test takes every sixteenth grid
+QUICK = {"wynne": 4}  # parts of the quick stage; one of the others
 EVERY = [
-    pytest.param(run, part, marks=() if run == "wynne" or part == 0 else pytest.mark.slow)
+    pytest.param(run, part, marks=() if part < QUICK.get(run, 1) else pytest.mark.slow)
     for run, part in itertools.product(RUNS, range(PARTS))
 ]
 

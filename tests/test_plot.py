@@ -21,7 +21,7 @@ from vpfx.geometry import face_slopes
 from vpfx.measures import face_errors, measure_accuracy
 from vpfx.model import Extent, Tin
 from vpfx.pipeline import build, build_hierarchy
-from vpfx.plot import MOST_POLYGONS, MOST_VECTORS, STYLES, draw_tin, find_pixels, picture, plot_tin
+from vpfx.plot import MOST_VECTORS, STYLES, draw_tin, find_pixels, picture, plot_tin
 
 FIXTURES = Path(__file__).resolve().parents[1] / "fixtures/dem"
 CELL = FIXTURES / "new_mexico_cell_5min_1arcsec.tif"
@@ -106,10 +106,11 @@ def test_pixels_show_the_last_face_at_their_middle(is_turned):
     np.testing.assert_array_equal(found, expected)
 
 
-def test_very_large_meshes_are_painted_as_pixels():
+def test_very_large_meshes_are_painted_as_pixels(monkeypatch):
     """The colours of an image are those of the faces under its pixels."""
-    tin = build_hierarchy(SOLID["noise"], method="quaternary", total=True, passes=8, grid=(3, 3)).tin(8)
-    assert tin.n_face > MOST_POLYGONS
+    monkeypatch.setattr("vpfx.plot.MOST_POLYGONS", 10_000)
+    tin = build_hierarchy(SOLID["noise"], method="quaternary", total=True, passes=6, grid=(3, 3)).tin(6)
+    assert tin.n_face > 10_000
     for style in ("relief", "plan"):
         _, axis = pyplot.subplots()
         draw_tin(axis, tin, style)
