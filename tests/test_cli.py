@@ -18,6 +18,7 @@ from typing import NamedTuple
 
 import click
 import pytest
+from pyproj import CRS
 from small_vpf import make_database
 
 from vpfx import __version__
@@ -194,6 +195,7 @@ def test_no_command_shows_the_help(run):
     assert outcome.err.startswith("Usage: vpfx")
 
 
+SIZELESS = CRS("EPSG:4326").to_wkt().replace("6378137,298.257223563", "1e-300,0")
 VIEW = "PRAGMA legacy_alter_table = ON; ALTER TABLE {0} RENAME TO hidden; CREATE VIEW {0} AS SELECT * FROM hidden"
 DAMAGES = {
     "view for table level": VIEW.format("level"),
@@ -207,6 +209,7 @@ DAMAGES = {
     "no metadata": "DELETE FROM metadata",
     "options that are none": "UPDATE metadata SET value = '3' WHERE name = 'options'",
     "CRS that is none": "UPDATE metadata SET value = '5' WHERE name = 'crs_wkt2'",
+    "CRS without size": f"UPDATE metadata SET value = '{SIZELESS}' WHERE name = 'crs_wkt2'",
     "bytes as text": "UPDATE metadata SET value = X'FF00' WHERE name = 'method'",
     "bottomless JSON": f"UPDATE metadata SET value = '{'[' * 100_000}' WHERE name = 'options'",
     "text as error": "UPDATE level SET max_error = 'small'",

@@ -275,7 +275,7 @@ def test_counts_are_compared(small, tmp_path):
         ("lattice", '{"dx": 30, "dy": 30, "n_col": 2000000000, "n_row": 12, "x0": 0, "y0": 0}', r"expected at most 32767"),
         ("lattice", '{"dx": 30, "dy": 30, "n_col": 10, "n_row": 12, "x0": 0, "y0": 0}', r"cnd: row 1: found x .*\(E-104\)"),
         ("lattice", '{"dx": 1e308, "dy": 30, "n_col": 10, "n_row": 12, "x0": 0, "y0": 0}', r"expected a finite extent"),
-        ("crs_wkt2", "PROJCRS[", r"found no CRS as WKT, expected one or none"),
+        ("crs_wkt2", "PROJCRS[", r"found no horizontal CRS as WKT, expected one or none"),
         ("format_version", "9", r"found format version '9', expected '0.1'"),
         ("posts", "many", r"posts: found a value of another kind"),
     ],

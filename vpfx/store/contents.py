@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from pyproj import CRS
-from pyproj.exceptions import CRSError
+from pyproj.exceptions import ProjError
 
 from vpfx.errors import StoreFormatError
 from vpfx.model import Extent
@@ -28,6 +28,7 @@ __all__ = [
     "decode_metadata",
     "error_code",
     "error_kind",
+    "is_horizontal",
     "read_extent",
     "read_levels",
     "read_metadata",
@@ -131,14 +132,31 @@ def decode_metadata(found: Mapping[str, Any], path: str) -> dict[str, Any]:
             decoded[name] = None
         if not isinstance(decoded[name], kind):
             raise StoreFormatError(path, f"table metadata: {str(name)[:40]}", "found a value of another kind", "R-110")
-    try:
-        CRS.from_wkt(found.get("crs_wkt2") or 'LOCAL_CS[""]')
-    except CRSError:
-        raise StoreFormatError(path, "table metadata: crs_wkt2", "found no CRS as WKT, expected one or none") from None
+    if decoded.get("crs_wkt2") and not is_horizontal(decoded["crs_wkt2"]):
+        message = "found no horizontal CRS as WKT, expected one or none"
+        raise StoreFormatError(path, "table metadata: crs_wkt2", message, "R-110")
     missing = sorted(set(METADATA) - set(found))
     if missing:
         raise StoreFormatError(path, "table metadata", f"found no {missing[0]}, expected one", "R-110")
     return decoded
+
+
+def is_horizontal(wkt: str) -> bool:
+    """Tell whether a text is a CRS of places on the ground, whose unit has a size there.
+
+    Examples
+    --------
+    >>> is_horizontal(CRS("EPSG:26913").to_wkt()), is_horizontal(CRS("EPSG:4978").to_wkt())  # UTM, geocentric
+    (True, False)
+    """
+    try:
+        crs = CRS.from_wkt(wkt)
+        if len(crs.axis_info) < 2 or crs.is_geocentric:
+            return False
+        geod = crs.get_geod()
+        return geod is None or geod.inv(0.0, 0.0, 1.0, 0.0)[2] > 0.0
+    except (ProjError, ArithmeticError):  # PROJ takes ellipsoids of any size
+        return False
 
 
 def read_levels(connection: sqlite3.Connection, path: str) -> tuple[LevelSummary, ...]:

@@ -6,12 +6,8 @@ import re
 from collections.abc import Iterator
 from typing import Any
 
-from pyproj import CRS
-from pyproj.exceptions import ProjError
-
-from vpfx.dem.reference import ground_size
 from vpfx.model import CUTS
-from vpfx.store.contents import METADATA
+from vpfx.store.contents import METADATA, is_horizontal
 from vpfx.store.tiles import LEAST_TILE_SIZE
 from vpfx.validate.report import ERROR, Defects, Rule, one
 from vpfx.validate.store_data import RANGED, StoreData
@@ -61,17 +57,8 @@ def _check_parts(metadata: dict[str, Any]) -> Iterator[Defects]:
         )
     if isinstance(unit := metadata.get("vertical_unit"), str) and unit != "metre":
         yield one("table=metadata name=vertical_unit", f"found {_short(unit)}, expected 'metre'")
-    if isinstance(wkt := metadata.get("crs_wkt2"), str) and wkt and not _is_horizontal(wkt):
+    if isinstance(wkt := metadata.get("crs_wkt2"), str) and wkt and not is_horizontal(wkt):
         yield one("table=metadata name=crs_wkt2", "found no horizontal CRS as WKT, expected one, or nothing")
-
-
-def _is_horizontal(wkt: str) -> bool:
-    """Tell whether a text is a CRS of places on the ground, whose unit has a size there."""
-    try:
-        crs = CRS.from_wkt(wkt)
-        return len(crs.axis_info) >= 2 and not crs.is_geocentric and min(ground_size(crs, 0.0, 0.0, 1.0, 1.0)) > 0.0
-    except (ProjError, ArithmeticError):  # PROJ takes ellipsoids of any size
-        return False
 
 
 def check_posts(data: StoreData) -> Iterator[Defects]:
