@@ -7,9 +7,8 @@ from collections.abc import Callable, Iterator
 import numpy as np
 from numpy.typing import NDArray
 
-from vpfx.errors import VpfFormatError
 from vpfx.validate.report import ERROR, Defects, Rule, one, some
-from vpfx.validate.vpf.folders import Places, TableData, places, rectangles
+from vpfx.validate.vpf.folders import Places, TableData, places, read_index, rectangles
 from vpfx.validate.vpf.tile import TileData
 from vpfx.vpf import spatial_index
 
@@ -22,8 +21,6 @@ STEPS = 255
 SLACK = 1e-3
 """Of a step: producers round in single precision."""
 INDEXES = {"nsi": "end", "csi": "cnd", "esi": "edg", "fsi": "fac", "tsi": "txt"}
-MOST_INDEX = 1 << 31
-"""Bytes of a spatial index that is read."""
 
 
 def place_boxes(found: Places) -> Floats:
@@ -113,13 +110,7 @@ def check_face_boxes(tile: TileData) -> Iterator[Defects]:
 
 def _index(tile: TileData, name: str) -> tuple[spatial_index.SpatialIndex | None, str]:
     """A spatial index, or what is wrong with it."""
-    path = tile.folder.files[name]
-    try:
-        if path.stat().st_size > MOST_INDEX:
-            return None, f"found {path.stat().st_size} bytes, expected at most {MOST_INDEX}"
-        return spatial_index.read(path.read_bytes(), ""), ""
-    except VpfFormatError as error:
-        return None, str(error)
+    return read_index(tile.folder.files[name], spatial_index.read)
 
 
 def _name(tile: TileData, name: str) -> str:

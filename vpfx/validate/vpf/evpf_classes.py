@@ -16,7 +16,7 @@ from vpfx.validate.vpf.evpf_tables import check_layout
 from vpfx.validate.vpf.evpf_tiles import TILE
 from vpfx.validate.vpf.folders import TableData, numbers
 from vpfx.validate.vpf.hierarchy import EvpfData, EvpfTile, LevelTables, spacing_of
-from vpfx.validate.vpf.parts import names_of
+from vpfx.validate.vpf.parts import MOST_LISTED, names_of
 from vpfx.validate.vpf.shares import Pairs, Step, inherited
 from vpfx.vpf.header import Layout
 
@@ -78,7 +78,10 @@ def _check_columns(data: EvpfData, classes: Classes) -> Iterator[Defects]:
     table = data.levels[0].coverage.folder.table("column.rat")
     rows = None if table is None else table.rows
     class_id = numbers(rows, "class_id")
-    if table is None or rows is None or class_id is None:
+    if table is None or class_id is None:
+        return
+    if table.n_row > MOST_LISTED:
+        yield one(f"table={table.where}", f"found {table.n_row} rows, expected at most {MOST_LISTED}")
         return
     named: dict[int, list[str]] = {}
     for i, (own, name, kind) in enumerate(

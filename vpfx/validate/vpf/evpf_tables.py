@@ -14,7 +14,7 @@ from vpfx.store.tiles import Tiling
 from vpfx.validate.report import ERROR, Defects, Rule, one, some
 from vpfx.validate.vpf.boxes import face_boxes, place_boxes
 from vpfx.validate.vpf.folders import TableData, rectangles
-from vpfx.validate.vpf.hierarchy import EvpfData, EvpfTile, LevelTables
+from vpfx.validate.vpf.hierarchy import MOST_TILES, EvpfData, EvpfTile, LevelTables
 from vpfx.validate.vpf.scan import Tally
 from vpfx.vpf.spatial_index import outward
 
@@ -38,14 +38,12 @@ TABLES = {
 """Columns and types of the tables of specs/evpf.md, chapters 3 and 4, behind `id`."""
 OWN_NAMES = ("evpf_version", "precision", "level_count", "tile_size")
 KNOWN_VERSION = "1.0"
-MOST_TILES = 1 << 20
-"""Tiles of a lattice that are compared with those of the library."""
 CUTS = ("one_edge", "two_edges", "three_edges", "centre", "centre_edge")
 
 
 def _wanted(data: EvpfData, level: LevelTables) -> list[str]:
     """Tables that a coverage must have."""
-    names = ["tinface.aft", "tinnode.pft", "level.rat"] + (["parent.rat"] if level.number else [])
+    names = ["tinface.aft", "fac.fit", "tinnode.pft", "cnd.fit", "level.rat"] + (["parent.rat"] if level.number else [])
     has_classes = "class.rat" in data.levels[0].coverage.folder.files
     if level.number == 0:
         names += ["evpf.rat", "source.rat"] + (["column.rat", "value.rat"] if has_classes else [])
@@ -65,7 +63,7 @@ def check_tables(data: EvpfData) -> Iterator[Defects]:
         for name, columns in TABLES.items():
             table = level.coverage.folder.table(name)
             if table is not None and table.head is not None:
-                has_areas = name == "parent.rat" and table.head.layout.find("area") is not None
+                has_areas = name == "parent.rat" and not data.is_nested
                 yield from check_layout(table, f"{columns} area R" if has_areas else columns)
 
 
@@ -129,6 +127,11 @@ def check_boxes(tile: EvpfTile) -> Iterator[Defects]:
     edges, faces = tile.tile.edges, face_boxes(tile.tile)
     if edges is None or faces is None or len(faces) < 2:
         return
+    if (np.abs(edges.places.xyz[:, :2]) > np.finfo(np.float32).max).any():
+        yield one(
+            tile.tile.place("edg"), "found a place beyond single precision, expected one that rectangles can hold"
+        )
+        return
     faces[0, :2], faces[0, 2:] = faces[1:, :2].min(axis=0), faces[1:, 2:].max(axis=0)
     for name, expected in (("ebr", outward(place_boxes(edges.places))), ("fbr", outward(faces))):
         table = tile.tile.table(name)
@@ -151,11 +154,11 @@ def check_grid(data: EvpfData) -> Iterator[Defects]:
         found = data.metadata["tile_size"][:20]
         yield one(
             f"table={data.levels[0].coverage.folder.place('evpf.rat')} name=tile_size",
-            f"found {found!r}, expected 8 or more",
+            f"found {found!r}, expected 8 or more, and no more than {MOST_TILES} tiles",
         )
         return
     where = f"table={table.where}"
-    if tiling.n_tile != len(data.library.tile_rows) or tiling.n_tile > MOST_TILES:
+    if tiling.n_tile != len(data.library.tile_rows):
         yield one(where, f"found {len(data.library.tile_rows)} rows, expected {tiling.n_tile}: {_grid(tiling)}")
         return
     width = max(2, len(str(max(tiling.n_tile_row, tiling.n_tile_col) - 1)))

@@ -8,10 +8,10 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from functools import cached_property
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,6 +31,7 @@ __all__ = [
     "kind_of",
     "numbers",
     "places",
+    "read_index",
     "rectangles",
     "text_values",
     "triplets",
@@ -47,9 +48,13 @@ SUFFIXES = {f"{kind}{form}" for kind in "aplct" for form in ("ft", "jt")} | {
     "fit", "vdt", "rat", "doc", "rjt", "njt", "dpt", "rpt", "abr", "lbr", "tbr", "pbr", "cbr",
 }  # fmt: skip
 
+MOST_INDEX = 1 << 31
+"""Bytes of a spatial or thematic index that is read."""
+
 CORNERS = ("xmin", "ymin", "xmax", "ymax")
 
 Ids = NDArray[np.int64]
+Index = TypeVar("Index")
 
 
 class Head(NamedTuple):
@@ -237,6 +242,19 @@ def _message(error: VpfFormatError | NotFoundError) -> str:
     """What an error says, without the path."""
     text = str(error)
     return text.removeprefix(f"{error.path}: ") if isinstance(error, VpfFormatError) and error.path else text
+
+
+def read_index(path: Path, decode: Callable[[bytes, str], Index]) -> tuple[Index | None, str]:
+    """Return the index that the bytes of a file are; None, and what is wrong with them, if they are none."""
+    try:
+        size = path.stat().st_size
+        if size > MOST_INDEX:
+            return None, f"found {size} bytes, expected at most {MOST_INDEX}"
+        return decode(path.read_bytes(), ""), ""
+    except OSError as error:
+        return None, f"cannot be read: {error.strerror}"
+    except VpfFormatError as error:
+        return None, str(error)
 
 
 def numbers(table: Table | None, name: str) -> Ids | None:

@@ -24,12 +24,14 @@ from vpfx.validate.vpf.parts import CoverageData, LibraryData
 from vpfx.validate.vpf.tile import TileData
 from vpfx.vpf.table import Table, open_table
 
-__all__ = ["BESIDE", "EvpfData", "EvpfTile", "Lattice", "LevelTables", "Sums", "TileRows", "spacing_of"]
+__all__ = ["BESIDE", "MOST_TILES", "EvpfData", "EvpfTile", "Lattice", "LevelTables", "Sums", "TileRows", "spacing_of"]
 
 Ids = NDArray[np.int64]
 Floats = NDArray[np.float64]
 
 MOST_LEVELS = 1000
+MOST_TILES = 1 << 20
+"""Tiles that a lattice may have to be compared with those of the library."""
 MOST_ROWS = 1_000_000
 """Rows of a table of names that are looked at."""
 BESIDE = 2.0
@@ -56,15 +58,19 @@ class TileRows:
 
     @cached_property
     def tiles(self) -> Ids:
-        """Tile of each row."""
-        parts = [numbers(rows, "tile_id") for _, rows in self.table.batches()]
+        """Tile of each row; none if rows cannot be read, which V701 tells."""
+        try:
+            parts = [numbers(rows, "tile_id") for _, rows in self.table.batches()]
+        except VpfFormatError:
+            parts = []
         known = [part for part in parts if part is not None]
         return np.concatenate(known).astype(np.int32) if known else np.empty(0, np.int32)
 
     @cached_property
     def is_sorted(self) -> bool:
-        """Whether tiles rise."""
-        return bool(np.all(self.tiles[1:] >= self.tiles[:-1]))
+        """Whether all rows can be read, and their tiles rise."""
+        is_whole = self.table.head is not None and len(self.tiles) == self.table.n_row
+        return is_whole and bool(np.all(self.tiles[1:] >= self.tiles[:-1]))
 
     def range(self, tile_id: int) -> tuple[int, int]:
         """Index of the first row of a tile, and behind its last."""
@@ -72,7 +78,7 @@ class TileRows:
         return int(first), int(last)
 
     def read(self, tile_id: int) -> Table:
-        """Rows of a tile."""
+        """Rows of a tile, of a table that `is_sorted`."""
         with open_table(self.table.path) as file:
             return file.read(*self.range(tile_id))
 
@@ -115,7 +121,8 @@ class LevelTables:
         rows = None if table is None else table.rows
         if rows is None or rows.n_row == 0:
             return {}
-        return {name: column[0].item() for name, column in rows.columns.items() if isinstance(column, np.ndarray)}
+        columns = {name: column for name, column in rows.columns.items() if isinstance(column, np.ndarray)}
+        return {name: column[0].item() for name, column in columns.items() if column.ndim == 1}
 
 
 class EvpfTile:
@@ -135,7 +142,7 @@ class EvpfTile:
         return self.tile.keys + own + (() if self.before is None else self.before.keys)
 
     def rows(self, name: str) -> Table | None:
-        """Rows of the tile in a table of the coverage; None if there is no such table."""
+        """Rows of the tile in a table of the coverage; None if there is no such table, or it is broken."""
         if name not in self._rows:
             table = self.level.rows.get(name)
             self._rows[name] = None if table is None or not table.is_sorted else table.read(self.tile_id)
@@ -201,8 +208,9 @@ class EvpfTile:
         starts = np.concatenate([[0], np.cumsum(length)])
         nodes = np.empty(starts[-1], np.int64)
         leaves = graph.nodes.ravel()
+        going = np.arange(len(length))
         for step in range(int(length.max(initial=0))):
-            going = np.flatnonzero(length > step)
+            going = going[length[going] > step]
             nodes[starts[going] + step] = leaves[side[going]]
             side[going] = plane.follower[side[going]]
         return starts, nodes
@@ -295,9 +303,9 @@ class EvpfData:
 
     @cached_property
     def tiling(self) -> Tiling | None:
-        """The tiles that lattice and tile size make; None if these are not known."""
+        """The tiles that lattice and tile size make; None if these are not known, or the tiles are too many."""
         size = self.number("tile_size")
-        if self.lattice is None or size is None:
+        if self.lattice is None or not size or _least_tiles(self.lattice, size) > MOST_TILES:
             return None
         try:
             return Tiling(self.lattice.n_row, self.lattice.n_col, size, 1)
@@ -331,6 +339,11 @@ class EvpfData:
                     before.before = None
                 before = EvpfTile(level, tile_id, before)
                 yield before
+
+
+def _least_tiles(lattice: Lattice, size: int) -> int:
+    """How many tiles of a size a lattice has, at least."""
+    return max(1, lattice.n_row // size) * max(1, lattice.n_col // size)
 
 
 def spacing_of(data: EvpfData) -> float:

@@ -9,9 +9,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from vpfx.errors import VpfFormatError
 from vpfx.validate.report import ERROR, WARNING, Defects, Rule, one, some
-from vpfx.validate.vpf.folders import TableData, numbers
+from vpfx.validate.vpf.folders import TableData, numbers, read_index
 from vpfx.validate.vpf.parts import CoverageData
 from vpfx.validate.vpf.scan import Tally
 from vpfx.vpf import thematic_index
@@ -24,8 +23,6 @@ __all__ = ["RULES"]
 Ids = NDArray[np.int64]
 
 THEMATIC = re.compile(r".+\.[placjtf]ti")
-MOST_INDEX = 1 << 31
-"""Bytes of a thematic index that is read."""
 MIX = (0x9E3779B97F4A7C15, 0xBF58476D1CE4E5B9, 0x94D049BB133111EB)
 """Odd numbers that spread bits. Source: SplitMix64."""
 
@@ -34,14 +31,7 @@ def _indexes(coverage: CoverageData) -> Iterator[tuple[str, thematic_index.Thema
     """Thematic indexes of a coverage, each with its place and what is wrong with its bytes."""
     for name, path in sorted(coverage.folder.files.items()):
         if THEMATIC.fullmatch(name):
-            where = f"index={coverage.folder.place(path.name)}"
-            try:
-                if path.stat().st_size > MOST_INDEX:
-                    yield where, None, f"found {path.stat().st_size} bytes, expected at most {MOST_INDEX}"
-                else:
-                    yield where, thematic_index.read(path.read_bytes(), ""), ""
-            except VpfFormatError as error:
-                yield where, None, str(error)
+            yield f"index={coverage.folder.place(path.name)}", *read_index(path, thematic_index.read)
 
 
 def _indexed(coverage: CoverageData, index: thematic_index.ThematicIndex) -> tuple[TableData | None, str]:
@@ -93,7 +83,9 @@ def _compare_values(
     """Compare the values of rows with those at which an index has them."""
     if isinstance(column, Ragged) or len(index.values) == 0:
         return
-    own = column[:, 0] if column.ndim == 2 else column
+    own = column[:, 0] if column.dtype.kind == "i" and column.shape[1:] == (3,) else column  # of triplets the ids
+    if own.ndim > 1:
+        return
     if (own.dtype.kind == "S") != (index.values.dtype.kind == "S"):
         return
     known = index.values[np.maximum(value, 0)]

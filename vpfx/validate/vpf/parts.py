@@ -22,7 +22,17 @@ from vpfx.vpf.layouts import PRIMITIVES
 from vpfx.vpf.paths import split
 from vpfx.vpf.schema import FeatureClass, Relation, classes_of, read_kinds, read_relations
 
-__all__ = ["CoverageData", "DatabaseData", "LibraryData", "Target", "TileRow", "find_target", "is_sound", "names_of"]
+__all__ = [
+    "MOST_LISTED",
+    "CoverageData",
+    "DatabaseData",
+    "LibraryData",
+    "Target",
+    "TileRow",
+    "find_target",
+    "is_sound",
+    "names_of",
+]
 
 MOST_LISTED = 100_000
 """Rows of a list of libraries, coverages, classes or tiles that are looked at; the most seen are 5 000."""
