@@ -44,7 +44,7 @@ def _library_stages(library: LibraryData) -> Iterator[Stage]:
     keys = tuple(library.folder.place(name) for name in ("cat", "grt", "lht"))
     yield Stage("folder", library_folder(library), keys)
     if library.tileref is not None:
-        yield Stage("library", LibraryTiles(library), (library.folder.where or ".",))
+        yield Stage("library", LibraryTiles(library), (library.folder.where,))
     for name in library.coverage_paths:
         yield from _coverage_stages(library.coverage(name))
     evpf = EvpfData.find(library)
@@ -79,7 +79,7 @@ def _coverage_stages(coverage: CoverageData) -> Iterator[Stage]:
 
 def _evpf_stages(evpf: EvpfData) -> Iterator[Stage]:
     """Yield the levels of a TIN: as a whole, then tile by tile from coarse to fine, then level by level."""
-    whole = (evpf.library.folder.where or ".",)
+    whole = (evpf.library.folder.where,)
     yield Stage("evpf", evpf, whole)
     if any(True for _ in check_tables(evpf)):
         for scope in ("evpf tile", "evpf level", "evpf shares"):
