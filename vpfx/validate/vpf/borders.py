@@ -160,8 +160,8 @@ def _find(edges: BorderEdges, tile: Ids, row: Ids) -> Ids:
 def check_range(borders: Borders) -> Iterator[Defects]:
     """External parts name rows that exist, in another tile."""
     external, coverage = borders.external, borders.coverage
-    targets = [external.other_tile * 2 + (external.column > LEFT_FACE)]
-    different, inverse = np.unique(targets[0], return_inverse=True)
+    target = external.other_tile * 2 + (external.column > LEFT_FACE)
+    different, inverse = np.unique(target, return_inverse=True)
     tiles = set(coverage.tile_ids) - {0}
     counts = [
         coverage.count("edg" if key % 2 else "fac", key // 2) if key // 2 in tiles else None
@@ -186,18 +186,16 @@ def check_back(borders: Borders) -> Iterator[Defects]:
     ask = np.flatnonzero(external.column <= LEFT_FACE)
     own = _find(edges, external.tile[ask], external.row[ask])
     ask, own = ask[own >= 0], own[own >= 0]
+    side, here = external.column[ask], edges.faces[own, external.column[ask] ^ 1, 0]
+    asked = np.column_stack(
+        [external.other_tile[ask], edges.ends[own], side, external.other_row[ask], external.tile[ask], here]
+    )
+    known = np.concatenate([_sides(edges, way) for way in (0, 1)])
     is_found = np.zeros(len(ask), bool)
-    side = external.column[ask]
-    for is_turned in (False, True):
-        ends = edges.ends[own][:, [2, 3, 0, 1]] if is_turned else edges.ends[own]
-        pair, at = _same_lines(external.other_tile[ask], ends, edges)
-        there = edges.faces[at, side[pair] ^ 1 if is_turned else side[pair], 0]
-        back = edges.faces[at, side[pair] if is_turned else side[pair] ^ 1]
-        here = edges.faces[own[pair], side[pair] ^ 1, 0]
-        is_right = (
-            (there == external.other_row[ask[pair]]) & (back[:, 1] == external.tile[ask[pair]]) & (back[:, 2] == here)
-        )
-        is_found[pair[is_right | (there == external.other_row[ask[pair]]) & (here == 1)]] = True
+    for ends, turned in (((1, 2, 3, 4), 0), ((3, 4, 1, 2), 1)):  # the line runs the same way there, or the other
+        wanted = asked[:, (0, *ends, 5, 6, 7, 8)]
+        wanted[:, 5] = side ^ turned
+        is_found |= _has_rows(known, wanted) | ((here == 1) & _has_rows(known[:, :7], wanted[:, :7]))
 
     def describe(i: int) -> tuple[str, str]:
         where, other = borders.locate_one(external, int(ask[i])), external.other_tile[ask[i]]
@@ -207,17 +205,16 @@ def check_back(borders: Borders) -> Iterator[Defects]:
     yield from some(np.flatnonzero(~is_found), describe)
 
 
-def _same_lines(tile: Ids, ends: NDArray[np.float64], edges: BorderEdges) -> tuple[Ids, Ids]:
-    """Pairs of a question and an edge of its tile with its ends."""
-    table = np.concatenate([np.column_stack([edges.tile, edges.ends]), np.column_stack([tile, ends])])
-    _, key = np.unique(table, axis=0, return_inverse=True)
-    known, asked = key.ravel()[: len(edges.tile)], key.ravel()[len(edges.tile) :]
-    order = np.argsort(known, kind="stable")
-    first = np.searchsorted(known[order], asked, side="left")
-    count = np.searchsorted(known[order], asked, side="right") - first
-    pair = np.repeat(np.arange(len(asked)), count)
-    slot = np.arange(len(pair)) - np.repeat(np.cumsum(count) - count, count) + first[pair]
-    return pair, order[slot]
+def _sides(edges: BorderEdges, way: int) -> NDArray[np.float64]:
+    """One side of each edge, float64 (n, 9): tile, ends, 0 right or 1 left, its face; tile and face named on the other."""
+    side = np.full(len(edges.tile), way)
+    return np.column_stack([edges.tile, edges.ends, side, edges.faces[:, way, 0], edges.faces[:, way ^ 1, 1:]])
+
+
+def _has_rows(known: NDArray[np.float64], asked: NDArray[np.float64]) -> NDArray[np.bool_]:
+    """Tell which rows are among known ones."""
+    _, key = np.unique(np.concatenate([known, asked]), axis=0, return_inverse=True)
+    return np.isin(key.ravel()[len(known) :], key.ravel()[: len(known)])
 
 
 def check_place(borders: Borders) -> Iterator[Defects]:

@@ -87,12 +87,13 @@ def _face_parts(level: LevelTables, edges: BorderEdges, lines: Lines) -> Ids:
     order = np.lexsort((edges.tile, lines.of_edge))
     pair = np.flatnonzero(lines.of_edge[order[1:]] == lines.of_edge[order[:-1]])
     one, other = order[pair], order[pair + 1]
+    tiles, of_edge = np.unique(edges.tile, return_inverse=True)
+    most = np.array([level.n_face[tile] + 1 for tile in tiles.tolist()], np.int64)[of_edge]
     parts = []
     for own, there in ((one, other), (other, one)):
         for side in (0, 1):
             face = edges.faces[there, side, 0]
-            most = np.array([level.n_face[tile] + 1 for tile in edges.tile[there].tolist()], np.int64)
-            is_face = (face > 1) & (face <= most)
+            is_face = (face > 1) & (face <= most[there])
             column = np.full(len(own), side)
             rows = np.column_stack([edges.tile[own], edges.row[own], column, edges.tile[there], face])
             parts.append(rows[is_face])

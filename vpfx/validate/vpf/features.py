@@ -89,12 +89,9 @@ class ClassData:
 
     def _counts(self, tiles: Ids) -> Ids:
         """Rows of the primitives in each tile; -1 where there are none."""
-        change = (
-            np.flatnonzero(np.concatenate([[True], tiles[1:] != tiles[:-1]])) if len(tiles) else np.empty(0, np.int64)
-        )
-        counts = [self.coverage.count(self.feature_class.primitive, tile) for tile in tiles[change].tolist()]
-        known = np.array([-1 if count is None else count for count in counts], np.int64)
-        return np.repeat(known, np.diff(np.append(change, len(tiles))))
+        different, inverse = np.unique(tiles, return_inverse=True)
+        counts = [self.coverage.count(self.feature_class.primitive, tile) for tile in different.tolist()]
+        return np.array([-1 if count is None else count for count in counts], np.int64)[inverse]
 
     def _check_features(self, rows: Table, start: int, wrong: Tally) -> None:
         join, table = self.feature_class.join, self.join

@@ -127,9 +127,12 @@ def check_relations(coverage: CoverageData) -> Iterator[Defects]:
         return
     if coverage.schema_problem:
         yield one(f"table={table.where}", coverage.schema_problem)
+    layouts: dict[str, tuple[Layout | None, bool]] = {}
     for relation in coverage.relations:
         for name, key in ((relation.table1, relation.key1), (relation.table2, relation.key2)):
-            layout, is_there = _layout_of(coverage, name)
+            if name not in layouts:
+                layouts[name] = _layout_of(coverage, name)
+            layout, is_there = layouts[name]
             where = f"table={table.where} row={relation.row}"
             if not is_there:
                 yield one(where, f"found table {name!r} named, expected one that is there")

@@ -178,24 +178,23 @@ def wrong_links(bucket, star, is_beside, link):
     [[2], [2]]
     """
     is_wrong, follower = np.zeros(len(link), np.bool_), np.full(len(link), -1, np.int64)
+    slot_of, group = np.full(len(link), -1, np.int64), np.empty(len(star), np.int64)
+    for slot in range(len(star)):
+        slot_of[star[slot]] = slot
     for node in range(len(bucket) - 1):
         low, high = bucket[node], bucket[node + 1]
+        n_group = 0
+        for slot in range(low, high):
+            n_group += 0 if is_beside[slot] else 1
+            group[slot] = n_group  # sides that leave the same way are one group
         for slot in range(low, high):
             side = star[slot]
             follower[side] = star[slot + 1 if slot + 1 < high else low] // 2
-            first = slot
-            while first > low and is_beside[first]:
-                first -= 1
-            is_found, at, group = False, first, 0
-            for _ in range(high - low):
-                if (at != slot or high - low == 1) and star[at] // 2 == link[side]:
-                    is_found = True
-                    break
-                at = at + 1 if at + 1 < high else low
-                group += 0 if is_beside[at] else 1
-                if group > 1:
-                    break
-            is_wrong[side] = not is_found
+            is_wrong[side] = True
+            for other in range(2 * link[side], 2 * link[side] + 2):
+                at = slot_of[other] if 0 <= other < len(link) else -1
+                if low <= at < high and (at != slot or high - low == 1):
+                    is_wrong[side] &= (group[at] - group[slot]) % n_group > 1
     wrong = np.flatnonzero(is_wrong)
     return wrong, follower[wrong]
 

@@ -185,13 +185,19 @@ class TileData:
         if self.edges is None:
             return np.empty(0, np.int64)
         starts, xyz = self.edges.places
-        is_bad = np.diff(starts) < 2
+        is_bad = (np.diff(starts) < 2) | (self._targets[::2] < 0)
         wrong = np.flatnonzero(~(np.abs(xyz[:, :2]) <= GREATEST).all(axis=1))
         is_bad[np.searchsorted(starts, wrong, side="right") - 1] = True
-        good = np.flatnonzero(~is_bad)
-        target = find_targets(starts, np.ascontiguousarray(xyz[:, :2]))
-        is_bad[good] = target[2 * good] < 0
         return np.flatnonzero(is_bad)
+
+    @cached_property
+    def _targets(self) -> Ids:
+        """The places that sides of edges go to first: `find_targets`."""
+        if self.edges is None:
+            return np.empty(0, np.int64)
+        starts, xyz = self.edges.places
+        targets: Ids = find_targets(starts, np.ascontiguousarray(xyz[:, :2]))
+        return targets
 
     @cached_property
     def graph(self) -> Graph | None:
@@ -202,8 +208,8 @@ class TileData:
         if nodes.size and not (nodes.min() >= 0 and nodes.max() < n_node):
             return None
         starts, xy = self.edges.places.starts, np.ascontiguousarray(self.edges.places.xyz[:, :2])
-        target = find_targets(starts, xy)
-        return Graph(nodes, starts, xy, target, *sort_stars(nodes.ravel(), n_node, starts, xy, target))
+        stars = sort_stars(nodes.ravel(), n_node, starts, xy, self._targets)
+        return Graph(nodes, starts, xy, self._targets, *stars)
 
     @cached_property
     def segments(self) -> tuple[Segments, Strips] | None:
