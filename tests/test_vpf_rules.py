@@ -4,20 +4,19 @@ from __future__ import annotations
 
 import random
 import shutil
-import time
 from pathlib import Path
 
 import numpy as np
 import pytest
 from rule_fixtures import FIXTURES
-from vpf_fixtures import VPF_BASES, build_vpf_base, damage_vpf, edit, read_rows, run
+from vpf_fixtures import VPF_BASES, build_vpf_base, damage_vpf, edit, read_rows, run, write_rows
 
 from vpfx.errors import InputError, NotFoundError
 from vpfx.validate import VPF_RULES, Report, validate
+from vpfx.validate.vpf.folders import kind_of
 
 CODES = {rule.code: rule for rule in VPF_RULES.values()}
 DATA = Path(__file__).resolve().parents[2] / "shared" / "data" / "vpf"
-LONGEST = 60.0  # seconds that a validation of a small directory may take, whatever is in it
 
 real_data = pytest.mark.skipif(not DATA.is_dir(), reason="real VPF data is not beside the checkout")
 
@@ -116,6 +115,50 @@ def test_names_do_not_lead_elsewhere(bases, tmp_path):
     assert "V710" not in codes(validate(town))
 
 
+def test_broken_tables_of_hierarchies_are_told(bases, tmp_path):
+    """What needs a table is left out, in a library without its database too."""
+    root = shutil.copytree(bases("soils"), tmp_path / "soils")
+    table = root / "terrain/tin1/tinface.aft"
+    table.write_bytes(table.read_bytes()[:200])
+    alone = shutil.copytree(root / "terrain", tmp_path / "alone" / "terrain")
+    for path in (root, alone):
+        report = validate(path)
+        assert codes(report) == {"V700"}
+        assert {"V770", "V774", "V787"} <= set(dict(report.left_out))
+
+
+def test_a_lattice_of_too_many_tiles_is_told(bases, tmp_path):
+    root = shutil.copytree(bases("soils"), tmp_path / "soils")
+    header, fields, rows = read_rows(root / "terrain/tin0/evpf.rat")
+    for row in rows:
+        if row[1].rstrip() == b"lattice":
+            row[2] = b'{"n_row": 2000000000, "n_col": 2000000000, "x0": 0, "y0": 0, "dx": 1, "dy": 1}'
+        elif row[1].rstrip() == b"tile_size":
+            row[2] = b"8"
+    assert fields[2].count < 0
+    write_rows(root / "terrain/tin0/evpf.rat", header, rows)
+    report = validate(root)
+    assert codes(report) == {"V772"}
+    assert "1048576 tiles" in report.findings[0].message
+
+
+@pytest.mark.parametrize("kind", ["K", "X", "C"])
+def test_ids_of_any_type_end_nothing(kind, bases, tmp_path):
+    """The row of a level, and a column that an index is about, may have columns that are no numbers."""
+    root = shutil.copytree(bases("soils"), tmp_path / "soils")
+    value = {"K": (1, 0, 0), "X": [], "C": [(1.0, 2.0)]}[kind]
+    for name, column in (("level.rat", "id"), ("tinface.aft", "tile_id")):
+        path = root / "terrain" / "tin1" / name
+        header, fields, rows = read_rows(path)
+        at = [field.name for field in fields].index(column)
+        old = f"{column}={fields[at].kind},1"
+        assert old in header
+        for row in rows:
+            row[at] = value
+        write_rows(path, header.replace(old, f"{column}={kind},1"), rows)
+    assert judge_damaged(root).findings
+
+
 @real_data
 def test_real_database_has_few_true_findings():
     """The VMap 2 prototype: each finding was looked up in the bytes by hand."""
@@ -162,14 +205,12 @@ def files_of(root):
 
 
 def judge_damaged(root):
-    """Validate what may be anything: a report in time, and the same again."""
-    start = time.monotonic()
+    """Validate what may be anything: a report, or a word that there is no VPF."""
     try:
         report = validate(root)
     except NotFoundError:
         assert not any((root / name).is_file() for name in ("lat", "dht"))
         return None
-    assert time.monotonic() - start < LONGEST
     for finding in report.findings:
         assert finding.code in CODES
         assert "\n" not in finding.message
@@ -180,22 +221,20 @@ def judge_damaged(root):
 @pytest.mark.parametrize("base", ["town", "soils"])
 def test_damaged_directories_give_findings(seed, base, bases, tmp_path):
     """Files cut, bytes changed, files gone: no exception, whatever the place."""
-    random = np.random.default_rng([seed, len(base)])
+    rng = np.random.default_rng([seed, len(base)])
     root = shutil.copytree(bases(base), tmp_path / base)
     files = files_of(root)
-    for path in random.choice(files, 4, replace=False):
+    for path in rng.choice(files, 4, replace=False):
         data = bytearray(path.read_bytes())
-        way = int(random.integers(4))
+        way = int(rng.integers(4))
         if way == 0:
-            del data[int(random.integers(len(data))) :]
+            del data[int(rng.integers(len(data))) :]
         elif way == 1:
-            for at in random.integers(0, len(data), 6):
-                data[at] = int(random.integers(256))
+            for at in rng.integers(0, len(data), 6):
+                data[at] = int(rng.integers(256))
         elif way == 2:
-            at = int(random.integers(max(1, len(data) - 4)))
-            data[at : at + 4] = random.choice(
-                [b"\xff\xff\xff\x7f", b"\0\0\0\x80", b"\xff\xff\xff\xff", b"\0\0\xc0\x7f"]
-            )
+            at = int(rng.integers(max(1, len(data) - 4)))
+            data[at : at + 4] = rng.choice([b"\xff\xff\xff\x7f", b"\0\0\0\x80", b"\xff\xff\xff\xff", b"\0\0\xc0\x7f"])
         path.write_bytes(data)
         if way == 3:
             path.unlink()
@@ -203,44 +242,52 @@ def test_damaged_directories_give_findings(seed, base, bases, tmp_path):
 
 
 @pytest.mark.slow
-@pytest.mark.xfail(reason="known: some damaged tables of hierarchies still end the validation", strict=False)
-@pytest.mark.parametrize("base", ["town", "junction"])
-def test_files_cut_and_gone(base, bases, tmp_path):
+@pytest.mark.parametrize(("base", "n_file"), [("town", 24), ("junction", 12), ("soils", 16)])
+def test_files_cut_and_gone(base, n_file, bases, tmp_path):
+    """Each table that is cut, empty or gone is told; feature indexes may be gone where there is no hierarchy."""
     root = shutil.copytree(bases(base), tmp_path / base)
-    for path in files_of(root)[::3]:
-        data = path.read_bytes()
+    for path in random.Random(base).sample(files_of(root), n_file):
+        data, kind = path.read_bytes(), kind_of(path.name)
         for part in (data[: len(data) // 2], data[:-1], b"", data + b"\0", None):
             path.unlink()
             if part is not None:
                 path.write_bytes(part)
-            judge_damaged(root)
+            report = judge_damaged(root)
+            is_optional = part is None and kind == "fit" and base == "town"
+            if kind and not is_optional and report is not None:
+                assert report.findings, (path, part)
             path.write_bytes(data)
     assert validate(root).findings == ()
 
 
-@pytest.mark.slow
-@pytest.mark.xfail(reason="known: some damaged tables of hierarchies still end the validation", strict=False)
 @pytest.mark.parametrize("base", ["town", "soils"])
-def test_columns_of_other_types_are_told(base, bases, tmp_path):
+def test_headers_cut_are_told_of_each_table(base, bases, tmp_path):
+    """Of all tables at once the half is left: each is named."""
+    root = shutil.copytree(bases(base), tmp_path / base)
+    tables = [path for path in files_of(root) if kind_of(path.name)]
+    for path in tables:
+        path.write_bytes(path.read_bytes()[:40])
+    named = {finding.where for finding in judge_damaged(root).findings if finding.code == "V700"}
+    names = [path.relative_to(root) for path in tables]
+    assert named >= {f"table={name}" for name in names if len(name.parts) <= 3}  # deeper ones are found by others
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("base", "share"), [("town", 2), ("soils", 4)])
+def test_columns_of_other_types_are_told(base, share, bases, tmp_path):
     """Columns get another type, their bytes stay as they are or their values go: no exception."""
     rng = random.Random(base)
     root = shutil.copytree(bases(base), tmp_path / base)
-    for path in files_of(root):
+    tables = [path for path in files_of(root) if kind_of(path.name)]
+    for path in rng.sample(tables, len(tables) // share):
         data = path.read_bytes()
-        if path.suffix in (".ati", ".pti", ".lti") or path.name[-2:] in ("si", "ax", "dx", "nx", "fx", "dz"):
-            continue
-        try:
-            header, fields, _ = read_rows(path)
-        except (ValueError, IndexError):
-            continue
-        for field in fields[1:]:
-            for kind in rng.sample("TISRKXC", 1):
-                count = "*" if field.count < 0 else str(field.count)
-                old, new = f"{field.name}={field.kind},{count},", f"{field.name}={kind},1,"
-                if old != new and old in header:
-                    text = header.replace(old, new).encode("latin-1")
-                    path.write_bytes(len(text).to_bytes(4, "little") + text)
-                    judge_damaged(root)
-                    path.write_bytes(len(text).to_bytes(4, "little") + text + data[4 + len(header) :])
+        header, fields, _ = read_rows(path)
+        for field in fields:
+            count = "*" if field.count < 0 else str(field.count)
+            old, new = f"{field.name}={field.kind},{count},", f"{field.name}={rng.choice('TISRKXC')},1,"
+            if old != new:
+                text = header.replace(old, new).encode("latin-1")
+                for rows in (b"", data[4 + len(header) :]):
+                    path.write_bytes(len(text).to_bytes(4, "little") + text + rows)
                     judge_damaged(root)
         path.write_bytes(data)
