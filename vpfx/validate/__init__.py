@@ -30,7 +30,6 @@ from vpfx.validate.report import Finding, Report, Rule
 from vpfx.validate.run import Stage, chosen_rules, run
 from vpfx.validate.store_data import StoreData, open_store_data
 from vpfx.validate.vpf.parts import find_target
-from vpfx.validate.vpf.stages import vpf_stages
 
 __all__ = ["RULES", "STORE_RULES", "VPF_RULES", "Finding", "Report", "Rule", "validate"]
 
@@ -107,7 +106,7 @@ def _validate_vpf(path: Path, only: Sequence[str], skip: Sequence[str]) -> Repor
     target = find_target(path)
     if target is None:
         raise NotFoundError(f"{path}: found nothing of VPF, expected a database, a library or a coverage")
-    findings, left_out = run(rules, vpf_stages(target), VPF_RULES["table_header"])
+    findings, left_out = run(rules, vpf.vpf_stages(target), VPF_RULES["table_header"])
     return Report(path, tuple(findings), tuple(left_out))
 
 

@@ -1,4 +1,4 @@
-"""What a validation says: `Rule`, `Defects`, `Finding`, `Report`; plain data.
+"""What a validation says: `Rule`, `Defects`, `Tally`, `Finding`, `Report`; plain data.
 
 A rule's check yields `Defects`: how many there are, and how to name each. Only the first ones are named, so a million defects
 cost an array, not a million texts::
@@ -13,6 +13,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NamedTuple, NoReturn
 
+import numpy as np
+from numpy.typing import NDArray
+
 __all__ = [
     "ERROR",
     "MOST_SHOWN",
@@ -23,6 +26,7 @@ __all__ = [
     "Finding",
     "Report",
     "Rule",
+    "Tally",
     "one",
     "some",
 ]
@@ -100,6 +104,29 @@ def some(index: Any, describe: Callable[[int], tuple[str, str]]) -> Iterator[Def
     """
     if len(index):
         yield Defects(len(index), lambda i: describe(int(index[i])))
+
+
+class Tally:
+    """Defects of one kind, gathered in parts: the first are told, all are counted."""
+
+    def __init__(self) -> None:
+        self.count = 0
+        self._shown: list[tuple[str, str]] = []
+
+    def add(self, index: NDArray[Any], describe: Callable[[int], tuple[str, str]]) -> None:
+        """Add the defects at some indices."""
+        for i in index[: MOST_SHOWN - len(self._shown)].tolist():
+            self._shown.append(describe(i))
+        self.count += len(index)
+
+    def tell(self, where: str, message: str) -> None:
+        """Add one defect."""
+        self.add(np.zeros(1, np.int64), lambda _: (where, message))
+
+    def defects(self) -> Iterator[Defects]:
+        """Yield them, if there are any."""
+        if self.count:
+            yield Defects(self.count, lambda i: self._shown[i])
 
 
 @dataclass(frozen=True)

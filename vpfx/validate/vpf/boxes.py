@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vpfx.validate.report import ERROR, Defects, Rule, one, some
-from vpfx.validate.vpf.folders import Places, TableData, places, read_index, rectangles
+from vpfx.validate.vpf.folders import Places, TableData, places, read_index, rectangles, rounded
 from vpfx.validate.vpf.tile import TileData
 from vpfx.vpf import spatial_index
 
@@ -90,12 +90,8 @@ def _check_rectangles(tile: TileData, name: str, primitive: str) -> Iterator[Def
 def _describe_box(table: TableData, found: Floats, boxes: Floats) -> Callable[[int], tuple[str, str]]:
     return lambda i: (
         f"table={table.where} row={i + 1}",
-        f"found the rectangle {_shown(found[i])}, expected it to hold {_shown(boxes[i])}",
+        f"found the rectangle {rounded(found[i])}, expected it to hold {rounded(boxes[i])}",
     )
-
-
-def _shown(box: Floats) -> str:
-    return "(" + ", ".join(f"{number:.9g}" for number in box) + ")"
 
 
 def check_edge_boxes(tile: TileData) -> Iterator[Defects]:
@@ -168,7 +164,7 @@ def _describe_misplaced(where: str) -> Callable[[int], tuple[str, str]]:
 def _describe_entry(where: str, index: spatial_index.SpatialIndex, boxes: Floats) -> Callable[[int], tuple[str, str]]:
     def describe(i: int) -> tuple[str, str]:
         shown, own = tuple(index.boxes[i].tolist()), index.ids[i]
-        expected = f"expected steps that hold {_shown(boxes[own - 1])}"
+        expected = f"expected steps that hold {rounded(boxes[own - 1])}"
         return f"{where} primitive={own}", f"found the box {shown} in steps of {index.extent}, {expected}"
 
     return describe

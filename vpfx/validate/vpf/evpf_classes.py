@@ -11,11 +11,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vpfx.validate.report import ERROR, Defects, Rule, one, some
-from vpfx.validate.vpf.evpf_links import face_shapes
+from vpfx.validate.vpf.evpf_data import EvpfData, EvpfTile, LevelTables, spacing_of
 from vpfx.validate.vpf.evpf_tables import check_layout
-from vpfx.validate.vpf.evpf_tiles import TILE
+from vpfx.validate.vpf.evpf_tiles import TILE, face_shapes
 from vpfx.validate.vpf.folders import TableData, numbers
-from vpfx.validate.vpf.hierarchy import EvpfData, EvpfTile, LevelTables, spacing_of
 from vpfx.validate.vpf.parts import MOST_LISTED, names_of
 from vpfx.validate.vpf.shares import Pairs, Step, inherited
 from vpfx.vpf.header import Layout

@@ -11,11 +11,10 @@ import numpy as np
 from vpfx.errors import StoreFormatError
 from vpfx.store.contents import decode_metadata
 from vpfx.store.tiles import Tiling
-from vpfx.validate.report import ERROR, Defects, Rule, one, some
+from vpfx.validate.report import ERROR, Defects, Rule, Tally, one, some
 from vpfx.validate.vpf.boxes import face_boxes, place_boxes
+from vpfx.validate.vpf.evpf_data import MOST_TILES, EvpfData, EvpfTile, LevelTables
 from vpfx.validate.vpf.folders import TableData, rectangles
-from vpfx.validate.vpf.hierarchy import MOST_TILES, EvpfData, EvpfTile, LevelTables
-from vpfx.validate.vpf.scan import Tally
 from vpfx.vpf.spatial_index import outward
 
 __all__ = ["RULES", "TABLES", "check_layout", "check_tables"]

@@ -1,4 +1,4 @@
-"""Rules V774 to V776, V779 to V781: faces, nodes and edges of the levels, tile by tile."""
+"""Rules V774 to V780, V786: faces and nodes of the levels, parents and children, tile by tile."""
 
 from __future__ import annotations
 
@@ -9,14 +9,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vpfx.validate.report import ERROR, Defects, Rule, one, some
-from vpfx.validate.vpf.hierarchy import BESIDE, EvpfTile, LevelTables, spacing_of
+from vpfx.validate.vpf.evpf_data import BESIDE, EvpfTile, LevelTables, spacing_of
+from vpfx.validate.vpf.planes import FACES
 from vpfx.validate.vpf.tile import Plane
 
-__all__ = ["RULES"]
+__all__ = ["RULES", "TILE", "add_sums", "face_shapes"]
 
 Ids = NDArray[np.int64]
+Floats = NDArray[np.float64]
 
 STEEPEST, TURN = 90.0, 360.0  # degrees
+SLIVERS = 4.0
+"""Spacings of numbers times the perimeter by which areas may differ (R-181)."""
+NESTED_AREA, SHARED_AREA = 1e-12, 1e-8
+"""Part of an area by which the areas of nested children may differ from it, and those shared with pairs (R-181, R-182)."""
 
 
 def check_features(tile: EvpfTile) -> Iterator[Defects]:
@@ -112,6 +118,86 @@ def _beside_sides(tile: EvpfTile, face: Ids, node: Ids) -> NDArray[np.float64]:
     rest = to_node - along[..., None] * way
     nearest: NDArray[np.float64] = np.hypot(rest[..., 0], rest[..., 1]).min(axis=1)
     return nearest
+
+
+def check_links(tile: EvpfTile) -> Iterator[Defects]:
+    """Each face has parents and children, one parent where levels are nested; rows are by child and parent."""
+    name, older = "parent.rat", tile.before
+    if older is None or name not in tile.level.rows:
+        return
+    child, parent = tile.column(name, "child_id"), tile.column(name, "parent_id")
+    is_wrong = (child < 2) | (child > tile.n_face + 1) | (parent < 2) | (parent > older.n_face + 1)
+    is_wrong[1:] |= (child[1:] < child[:-1]) | ((child[1:] == child[:-1]) & (parent[1:] <= parent[:-1]))
+    if tile.level.evpf.is_nested:
+        is_wrong[1:] |= child[1:] == child[:-1]
+    message = "found parent {} of face {}, expected faces that are there, by child and parent, {} of each".format
+    count = "one" if tile.level.evpf.is_nested else "each once"
+    yield from some(np.flatnonzero(is_wrong), tile.tell(name, lambda i: message(parent[i], child[i], count)))
+    if is_wrong.any():
+        return
+    where = tile.level.place(name)
+    for n_face, ids, what, own in ((tile.n_face, child, "parent", tile), (older.n_face, parent, "child", older)):
+        lost = np.flatnonzero(np.bincount(ids, minlength=n_face + 2)[2:] == 0) + 2
+        place = own.tile.place("fac")
+        yield from some(lost, _describe_lost(where, what, place))
+
+
+def _describe_lost(where: str, what: str, place: str) -> Callable[[int], tuple[str, str]]:
+    return lambda i: (where, f"found no {what} of row {i} of {place}, expected one")
+
+
+def face_shapes(tile: EvpfTile) -> tuple[Floats, Floats, Floats]:
+    """Corners of the faces, float64 (n_face, 3, 2), from the first node of the tile; areas and perimeters."""
+    places = tile.tile.node_places
+    assert places is not None
+    corners = places[tile.corners, :2]
+    first = corners[:, :1]
+    to_b, to_c = (corners[:, 1:] - first).transpose(1, 0, 2)
+    area = (to_b[:, 0] * to_c[:, 1] - to_b[:, 1] * to_c[:, 0]) / 2
+    sides = corners - np.roll(corners, -1, axis=1)
+    return corners, area, np.hypot(sides[..., 0], sides[..., 1]).sum(axis=1)
+
+
+def check_nesting(tile: EvpfTile) -> Iterator[Defects]:
+    """Children tile their parents; where levels are not nested, the areas shared with others are those of the faces."""
+    name, older = "parent.rat", tile.before
+    rows = tile.rows(name)
+    if older is None or rows is None or not (tile.has_three_corners and older.has_three_corners):
+        return
+    child, parent = tile.column(name, "child_id") - 2, tile.column(name, "parent_id") - 2
+    corners, area, perimeter = face_shapes(tile)
+    older_corners, older_area, older_perimeter = face_shapes(older)
+    ulp = spacing_of(tile.level.evpf)
+    if not tile.level.evpf.is_nested:
+        shared, limit = rows["area"], SHARED_AREA
+        sums = [(tile, child, area, perimeter, shared), (older, parent, older_area, older_perimeter, shared)]
+    else:
+        limit, sums = NESTED_AREA, [(older, parent, older_area, older_perimeter, area[child])]
+        beside = _greatest_distance(corners[child], older_corners[parent])
+        wrong = np.flatnonzero(beside > BESIDE * ulp)
+        message = "found face {} up to {:.3g} beside its parent {}, expected it inside".format
+        yield from some(wrong, tile.tell(name, lambda i: message(child[i] + 2, beside[i], parent[i] + 2)))
+        if len(wrong):
+            return
+    for own, face, expected, around, part in sums:
+        found = np.bincount(face, part, minlength=len(expected)).astype(np.float64)
+        far = np.flatnonzero(~(np.abs(found - expected) <= limit * expected + SLIVERS * around * ulp))
+        where = own.tile.place("fac")
+        yield from some(far, _describe_area(where, found, expected))
+
+
+def _describe_area(where: str, found: Floats, expected: Floats) -> Callable[[int], tuple[str, str]]:
+    message = "found {:.12g} as the area of what it is linked to, expected {:.12g}".format
+    return lambda i: (f"{where} row={i + 2}", message(found[i], expected[i]))
+
+
+def _greatest_distance(corners: Floats, around: Floats) -> Floats:
+    """How far corners of faces lie outside others, at most, float64 (n,); corners float64 (n, 3, 2), counter-clockwise."""
+    side = np.roll(around, -1, axis=1) - around
+    to_corner = corners[:, None] - around[:, :, None]  # face, side, corner
+    cross = side[:, :, None, 1] * to_corner[..., 0] - side[:, :, None, 0] * to_corner[..., 1]
+    greatest: Floats = (cross / np.hypot(side[..., 0], side[..., 1])[:, :, None]).max(axis=(1, 2), initial=0.0)
+    return greatest
 
 
 def check_nodes(tile: EvpfTile) -> Iterator[Defects]:
@@ -238,9 +324,7 @@ def add_sums(tile: EvpfTile) -> None:
         sums.n_long += int((inside & ~before).sum())
 
 
-FACES = ("primitive_references", "edge_ends", "edge_places", "edges_cross", "edges_overlap", "nodes_together", "ring_faces",
-         "face_count", "ring_rows", "rings_listed", "ring_order")  # fmt: skip
-TILE = (*FACES, "evpf_metadata", "evpf_features")
+TILE = (*FACES, "ring_rows", "rings_listed", "ring_order", "evpf_metadata", "evpf_features")
 
 RULES = (
     Rule("V774", "evpf_features", ERROR, "E-300", "features do not follow faces and nodes", check_features, "evpf tile",
@@ -249,6 +333,10 @@ RULES = (
          "evpf tile", needs=TILE),
     Rule("V776", "evpf_junctions", ERROR, "E-222", "a node in a side of a face is none", check_junctions, "evpf tile",
          needs=(*TILE, "evpf_rings")),
+    Rule("V777", "evpf_links", ERROR, "E-420", "a face has no parent or child, or one that is not there", check_links,
+         "evpf tile", needs=("evpf_metadata", "evpf_features")),
+    Rule("V778", "evpf_nesting", ERROR, "E-420", "children do not tile their parent", check_nesting, "evpf tile",
+         needs=(*TILE, "evpf_rings", "evpf_junctions", "evpf_links")),
     Rule("V779", "evpf_nodes", ERROR, "E-300", "a node is not the same on all levels", check_nodes, "evpf tile",
          needs=("primitive_references", "edge_ends", "nodes_together", "evpf_metadata", "evpf_features")),
     Rule("V780", "evpf_faces", ERROR, "E-300", "a face has a value that cannot be", check_faces, "evpf tile",

@@ -10,10 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vpfx.errors import VpfFormatError
-from vpfx.validate.report import ERROR, NOTE, Defects, Rule, one
+from vpfx.validate.report import ERROR, NOTE, Defects, Rule, Tally, one
 from vpfx.validate.vpf.folders import TableData, numbers
 from vpfx.validate.vpf.parts import CoverageData, is_sound
-from vpfx.validate.vpf.scan import Tally
 from vpfx.vpf.header import Column
 from vpfx.vpf.schema import FeatureClass, value_descriptions
 from vpfx.vpf.table import Ragged, Table

@@ -8,7 +8,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from functools import cached_property
 from pathlib import Path
 from typing import Any, NamedTuple, TypeVar
@@ -33,6 +33,7 @@ __all__ = [
     "places",
     "read_index",
     "rectangles",
+    "rounded",
     "text_values",
     "triplets",
 ]
@@ -242,6 +243,17 @@ def _message(error: VpfFormatError | NotFoundError) -> str:
     """What an error says, without the path."""
     text = str(error)
     return text.removeprefix(f"{error.path}: ") if isinstance(error, VpfFormatError) and error.path else text
+
+
+def rounded(numbers: Iterable[float]) -> str:
+    """Places and rectangles in messages: nine digits a number.
+
+    Examples
+    --------
+    >>> rounded([-97.75029754638672, 30])
+    '(-97.7502975, 30)'
+    """
+    return "(" + ", ".join(f"{number:.9g}" for number in numbers) + ")"
 
 
 def read_index(path: Path, decode: Callable[[bytes, str], Index]) -> tuple[Index | None, str]:

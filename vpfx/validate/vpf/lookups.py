@@ -9,10 +9,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from vpfx.validate.report import ERROR, WARNING, Defects, Rule, one, some
+from vpfx.validate.report import ERROR, WARNING, Defects, Rule, Tally, one, some
 from vpfx.validate.vpf.folders import TableData, numbers, read_index
 from vpfx.validate.vpf.parts import CoverageData
-from vpfx.validate.vpf.scan import Tally
 from vpfx.vpf import thematic_index
 from vpfx.vpf.layouts import PRIMITIVES
 from vpfx.vpf.schema import FeatureClass

@@ -9,7 +9,7 @@ from typing import NamedTuple
 from vpfx.validate.report import ERROR, WARNING, Defects, Rule, one, some
 from vpfx.validate.vpf.folders import Folder, TableData, kind_of
 from vpfx.validate.vpf.parts import CoverageData, DatabaseData, LibraryData, names_of
-from vpfx.validate.vpf.scan import ScannedTable
+from vpfx.validate.vpf.tables import ScannedTable
 from vpfx.validate.vpf.tile import TileData
 from vpfx.vpf.header import Layout
 from vpfx.vpf.layouts import PRIMITIVES

@@ -14,6 +14,9 @@ from functools import cached_property
 from pathlib import Path
 from typing import NamedTuple
 
+import numpy as np
+from numpy.typing import NDArray
+
 from vpfx.errors import VpfFormatError
 from vpfx.model import Extent
 from vpfx.validate.vpf.columns import missing_columns, wanted_columns, wrong_types
@@ -161,6 +164,20 @@ class LibraryData:
     def tiles(self) -> dict[int, TileRow]:
         """Tiles with a path, by their ids."""
         return {row.tile_id: row for row in reversed(self.tile_rows) if row.parts}
+
+    @cached_property
+    def tile_boxes(self) -> NDArray[np.float64] | None:
+        """Rectangles of ``tileref/fbr``, float64 (n_face, 4); None if they cannot be read."""
+        boxes = None if self.tileref is None else rectangles(self.tileref.folder.table("fbr"))
+        return None if boxes is None else boxes.astype(np.float64)
+
+    def tile_box(self, tile_id: int) -> NDArray[np.float64] | None:
+        """Rectangle of a tile; None if it has none."""
+        row = self.tiles.get(tile_id)
+        if row is None or self.tile_boxes is None or not 2 <= row.face <= len(self.tile_boxes):
+            return None
+        box: NDArray[np.float64] = self.tile_boxes[row.face - 1]
+        return box if np.isfinite(box).all() else None
 
 
 class CoverageData:

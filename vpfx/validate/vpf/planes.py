@@ -5,13 +5,13 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 
 import numpy as np
-from numpy.typing import NDArray
 
 from vpfx.validate.report import ERROR, WARNING, Defects, Rule, some
+from vpfx.validate.vpf.folders import rounded
 from vpfx.validate.vpf.strips import CROSS, OVERLAP, is_inside
 from vpfx.validate.vpf.tile import Ids, Plane, TileData
 
-__all__ = ["RULES"]
+__all__ = ["FACES", "RULES"]
 
 
 def check_crossings(tile: TileData) -> Iterator[Defects]:
@@ -33,7 +33,7 @@ def _clashes(tile: TileData, kind: int, expected: str) -> Iterator[Defects]:
     def describe(i: int) -> tuple[str, str]:
         own, other = segments.edge[shown[i, 0]] + 1, segments.edge[shown[i, 1]] + 1
         ends = segments.ends[shown[i, 0]].tolist()
-        near = f"near ({(ends[0] + ends[2]) / 2:.9g}, {(ends[1] + ends[3]) / 2:.9g})"
+        near = f"near {rounded([(ends[0] + ends[2]) / 2, (ends[1] + ends[3]) / 2])}"
         return f"{tile.place('edg')} row={own}", f"found edges {own} and {other} {near}, {expected}"
 
     if count[kind]:
@@ -210,7 +210,7 @@ def check_contained(tile: TileData) -> Iterator[Defects]:
 
     def describe_ring(i: int) -> tuple[str, str]:
         where = f"{tile.place('edg')} row={plane.inner_side[part[i]] // 2 + 1}"
-        return where, f"found face {face[i] + 1} round the edges at {_shown(graph.xy[at[i]])}, which lie outside it"
+        return where, f"found face {face[i] + 1} round the edges at {rounded(graph.xy[at[i]])}, which lie outside it"
 
     yield from some(outside, describe_ring)
     xyz, named = tile.entity_places, tile.column("end", "containing_face")
@@ -221,17 +221,14 @@ def check_contained(tile: TileData) -> Iterator[Defects]:
 
     def describe_node(i: int) -> tuple[str, str]:
         where = f"{tile.place('end')} column=containing_face row={i + 1}"
-        return where, f"found face {named[i]} for the node at {_shown(places[i])}, which lies outside it"
+        return where, f"found face {named[i]} for the node at {rounded(places[i])}, which lies outside it"
 
     yield from some(outside, describe_node)
 
 
-def _shown(place: NDArray[np.float64]) -> str:
-    return f"({place[0]:.9g}, {place[1]:.9g})"
-
-
 PLANAR = ("primitive_references", "edge_ends", "edge_places", "edges_cross", "edges_overlap", "nodes_together")
 FACES = (*PLANAR, "ring_faces", "face_count")
+"""What must hold where faces are gone through."""
 
 RULES = (
     Rule("V730", "edges_cross", ERROR, "V-503", "edges cross or touch away from nodes", check_crossings, "tile",

@@ -8,10 +8,10 @@ from collections.abc import Iterator
 import numpy as np
 
 from vpfx.validate.report import NOTE, WARNING, Defects, Rule, one
-from vpfx.validate.vpf.folders import TableData
+from vpfx.validate.vpf.folders import TableData, rounded
 from vpfx.validate.vpf.names import INDEX_FILE, FolderData
 from vpfx.validate.vpf.parts import CoverageData
-from vpfx.validate.vpf.scan import ScannedTable
+from vpfx.validate.vpf.tables import ScannedTable
 from vpfx.validate.vpf.tile import TileData
 from vpfx.validate.vpf.tiling import all_places, library_box
 from vpfx.vpf.index_file import index_name
@@ -105,10 +105,8 @@ def check_margin(tile: TileData) -> Iterator[Defects]:
     xy = all_places(tile)
     is_on = (xy == box[:2]).any(axis=1) | (xy == box[2:]).any(axis=1)
     if is_on.any():
-        x, y = xy[np.argmax(is_on)].tolist()
-        message = (
-            f"found {is_on.sum()} of {len(xy)} places on the sides of the extent in lat, such as ({x:.9g}, {y:.9g})"
-        )
+        found = f"found {is_on.sum()} of {len(xy)} places on the sides of the extent in lat"
+        message = f"{found}, such as {rounded(xy[np.argmax(is_on)])}"
         yield one(f"tile={tile.where}", f"{message}, expected a margin: OGDI leaves out what touches it")
 
 

@@ -9,9 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vpfx.validate.vpf.folders import Folder, Places, TableData, numbers, places, triplets
-from vpfx.validate.vpf.inner_rings import find_inner_rings
 from vpfx.validate.vpf.parts import CoverageData
-from vpfx.validate.vpf.stars import find_rings, find_targets, label_parts, sort_stars
+from vpfx.validate.vpf.stars import find_inner_rings, find_rings, find_targets, label_parts, sort_stars
 from vpfx.validate.vpf.strips import Segments, Strips, find_clashes, make_segments, make_strips
 
 __all__ = ["Edges", "Graph", "Plane", "TileData"]
@@ -145,14 +144,15 @@ class TileData:
     @cached_property
     def node_places(self) -> NDArray[np.float64] | None:
         """Places of connected nodes, float64 (n_node, 3)."""
-        table = self.table("cnd")
-        found = None if table is None else places(table.rows, "coordinate")
-        return None if found is None or len(found.xyz) != len(found.starts) - 1 else found.xyz
+        return self._places_of("cnd")
 
     @cached_property
     def entity_places(self) -> NDArray[np.float64] | None:
         """Places of entity nodes, float64 (n, 3)."""
-        table = self.table("end")
+        return self._places_of("end")
+
+    def _places_of(self, name: str) -> NDArray[np.float64] | None:
+        table = self.table(name)
         found = None if table is None else places(table.rows, "coordinate")
         return None if found is None or len(found.xyz) != len(found.starts) - 1 else found.xyz
 

@@ -1,4 +1,4 @@
-"""Rule V782: what tiles of a level say of each other is all there is to say, and the very thing E-200 and E-210 name."""
+"""Rules V781, V782: edges run as in the store, and name across borders what E-200 and E-210 say, and no more."""
 
 from __future__ import annotations
 
@@ -8,13 +8,11 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from vpfx.validate.report import ERROR, Defects, Rule
-from vpfx.validate.vpf.borders import BorderEdges, Borders
-from vpfx.validate.vpf.evpf_links import border_lines
+from vpfx.validate.report import ERROR, Defects, Rule, Tally, some
+from vpfx.validate.vpf.evpf_data import EvpfTile, LevelTables
 from vpfx.validate.vpf.evpf_tiles import TILE
-from vpfx.validate.vpf.hierarchy import EvpfTile, LevelTables
-from vpfx.validate.vpf.scan import Tally
 from vpfx.validate.vpf.stars import find_targets, sort_stars
+from vpfx.validate.vpf.tiling import BorderEdges, Borders
 
 __all__ = ["RULES", "add_border"]
 
@@ -38,6 +36,62 @@ class Lines(NamedTuple):
     of_edge: Ids
     nodes: Ids
     follower: Ids
+
+
+def border_lines(tile: EvpfTile) -> tuple[Floats, Floats]:
+    """X and y of the borders of a tile with others, as coordinates are written; sides of the extent are none."""
+    evpf = tile.level.evpf
+    tiling = evpf.tiling
+    lattice = evpf.lattice
+    assert tiling is not None
+    assert lattice is not None
+    own = tiling.tile(tile.tile_id - 1)
+    cols = [line for line in (own.first_col, own.last_col) if 0 < line < lattice.n_col - 1]
+    rows = [line for line in (own.first_row, own.last_row) if 0 < line < lattice.n_row - 1]
+    x, y = lattice.x0 + lattice.dx * np.array(cols, np.float64), lattice.y0 + lattice.dy * np.array(rows, np.float64)
+    return (
+        (x, y) if evpf.is_double else (x.astype(np.float32).astype(np.float64), y.astype(np.float32).astype(np.float64))
+    )
+
+
+def check_edges(tile: EvpfTile) -> Iterator[Defects]:
+    """Edges are straight; on borders they run east or north, else so that the only, or the lesser, face lies to the left."""
+    edges = tile.tile.edges
+    if edges is None or edges.faces is None or tile.tile.plane is None:
+        return
+    starts, xyz = edges.places
+    where = tile.tile.place("edg")
+    bent = np.flatnonzero(np.diff(starts) != 2)
+    yield from some(bent, lambda i: (f"{where} row={i + 1}", f"found {starts[i + 1] - starts[i]} places, expected two"))
+    if len(bent):
+        return
+    start, end = xyz[0::2, :2], xyz[1::2, :2]
+    x, y = border_lines(tile)
+    is_east = (start[:, 1] == end[:, 1]) & np.isin(start[:, 1], y)
+    is_north = (start[:, 0] == end[:, 0]) & np.isin(start[:, 0], x)
+    right, left = edges.faces[:, 0, 0], edges.faces[:, 1, 0]
+    is_face = [(face > 1) & (face <= tile.n_face + 1) for face in (right, left)]
+    is_turned = np.where(is_face[0] & is_face[1], right < left, ~is_face[1]) & ~_is_at_junction(tile)
+    is_turned = np.where(is_east, end[:, 0] < start[:, 0], np.where(is_north, end[:, 1] < start[:, 1], is_turned))
+    message = "found face {} to the right and {} to the left, expected the edge to run the other way".format
+    yield from some(np.flatnonzero(is_turned), lambda i: (f"{where} row={i + 1}", message(right[i], left[i])))
+
+
+def _is_at_junction(tile: EvpfTile) -> NDArray[np.bool_]:
+    """Tell which edges are parts of longer ones: in the store these have no face on one side."""
+    plane, graph = tile.tile.plane, tile.tile.graph
+    face, node = tile.junctions
+    assert plane is not None
+    assert graph is not None
+    if not len(face):
+        return np.zeros(len(graph.nodes), bool)
+    most = int(graph.nodes.max(initial=0)) + 1
+    known = face * most + node
+    found = np.zeros(len(graph.nodes), bool)
+    for way in (0, 1):
+        own = plane.side_face.reshape(-1, 2)[:, way]
+        found |= np.isin(own[:, None] * most + graph.nodes, known).any(axis=1)
+    return found
 
 
 def add_border(tile: EvpfTile, borders: Borders) -> None:
@@ -165,6 +219,8 @@ def _part(part: Ids) -> str:
 
 
 RULES = (
+    Rule("V781", "evpf_edges", ERROR, "E-210", "an edge does not run as in the store", check_edges, "evpf tile",
+         needs=(*TILE, "evpf_rings", "evpf_junctions", "evpf_tiles")),
     Rule("V782", "evpf_borders", ERROR, "E-210", "a tile does not name what lies across its border", check_borders,
          "evpf level", needs=(*TILE, "evpf_tiles", "evpf_edges", "edge_links", "external_range", "external_faces",
                               "external_edges")),

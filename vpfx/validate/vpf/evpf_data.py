@@ -18,10 +18,10 @@ from numpy.typing import NDArray
 from vpfx.errors import InputError, VpfFormatError
 from vpfx.evpf.texts import from_vpf
 from vpfx.store.tiles import Tiling
-from vpfx.validate.vpf.borders import Borders
 from vpfx.validate.vpf.folders import TableData, numbers, text_values
 from vpfx.validate.vpf.parts import CoverageData, LibraryData
 from vpfx.validate.vpf.tile import TileData
+from vpfx.validate.vpf.tiling import Borders
 from vpfx.vpf.table import Table, open_table
 
 __all__ = ["BESIDE", "MOST_TILES", "EvpfData", "EvpfTile", "Lattice", "LevelTables", "Sums", "TileRows", "spacing_of"]
