@@ -273,7 +273,7 @@ def test_headers_cut_are_told_of_each_table(base, bases, tmp_path):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("base", "share"), [("town", 4), ("soils", 12)])
+@pytest.mark.parametrize(("base", "share"), [("town", 4), ("soils", 16)])
 def test_columns_of_other_types_are_told(base, share, bases, tmp_path):
     """Columns get another type, their bytes stay as they are or their values go: no exception."""
     rng = random.Random(base)
