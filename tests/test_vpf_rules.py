@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import random
 import shutil
+import struct
 from pathlib import Path
 
 import numpy as np
@@ -157,6 +158,23 @@ def test_ids_of_any_type_end_nothing(kind, bases, tmp_path):
             row[at] = value
         write_rows(path, header.replace(old, f"{column}={kind},1"), rows)
     assert judge_damaged(root).findings
+
+
+@pytest.mark.parametrize("count", ["2", "*"])
+def test_columns_of_several_elements_end_nothing(count, bases, tmp_path):
+    """Numbers and codes may come several in a row; each is looked at, and told in its row."""
+    root = shutil.copytree(bases("town"), tmp_path / "town")
+    path = root / "lib" / "land" / "area.aft"
+    header = "L;Areas;-;id=I,1,P,Row,-,-,-,:kind=S,{0},N,Kind,int.vdt,-,-,:fac_id=I,1,N,Face,-,-,-,:;"
+    lead = b"" if count == "2" else struct.pack("<i", 2)
+    text = header.format(count).encode()
+    rows = [
+        struct.pack("<i", i) + lead + struct.pack("<2h", i, null) + struct.pack("<i", 2)
+        for i, null in ((1, 5), (2, -32767))
+    ]
+    path.write_bytes(struct.pack("<i", len(text)) + text + b"".join(rows))
+    found = {(finding.code, finding.where) for finding in judge_damaged(root).findings}
+    assert ("V769", "table=lib/land/area.aft column=kind row=2") in found
 
 
 @real_data

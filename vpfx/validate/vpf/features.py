@@ -147,7 +147,8 @@ def _different(values: Any, column: Column) -> list[Any]:
     if column.kind in "TL":
         texts_of = texts(values if isinstance(values, Ragged) else np.unique(values))
         return [text for text in set(texts_of) if text]
-    found: list[Any] = np.unique(values[~is_null(values, column.kind)]).tolist()
+    numbers_of = values.values if isinstance(values, Ragged) else values.ravel()
+    found: list[Any] = np.unique(numbers_of[~is_null(numbers_of, column.kind)]).tolist()
     return found
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Iterator
 from functools import cached_property
@@ -123,10 +124,18 @@ def _check_column(found: Scan, column: Column, values: Any, where: str, start: i
         _check_dates(found.texts, values, where, start)
     elif column.kind in "SI":
         other = (NULL_SHORT if column.kind == "S" else NULL_INT) + 1
+        elements, row = _elements(values)
         found.nulls.add(
-            np.flatnonzero(values == other),
+            row[elements == other],
             lambda i: (f"{where} row={start + i + 1}", f"found {other} for no number, expected {other - 1}"),
         )
+
+
+def _elements(values: Any) -> tuple[NDArray[Any], NDArray[np.int64]]:
+    """All elements of a column of whole numbers, (n,), and the index of the row that each is in."""
+    if isinstance(values, Ragged):
+        return values.values.ravel(), np.repeat(np.arange(values.n_row), values.counts)
+    return values.ravel(), np.repeat(np.arange(len(values)), math.prod(values.shape[1:]))
 
 
 def _has_wrong_bytes(values: Any, most: int) -> NDArray[np.bool_]:
