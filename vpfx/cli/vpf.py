@@ -100,6 +100,7 @@ def to_gpkg(
     Example: vpfx vpf to-gpkg vmap -o vmap.gpkg
     """
     from vpfx.vpf.gpkg import write_gpkg
+    from vpfx.vpf.listing import counted
 
     check_output(output, overwrite)
     written = write_gpkg(directory, output, coverages=coverages, primitives=primitives, crs=crs)
@@ -113,5 +114,5 @@ def to_gpkg(
         width = max(len(layer.layer) for layer in written.layers)
         for layer in written.layers:
             lost = f", {layer.without_geometry:,} without geometry" if layer.without_geometry else ""
-            print(f"{layer.layer:<{width}}  {layer.features:,} features, {layer.geometry}{lost}")
-        print(f"{output}: {output.stat().st_size:,} bytes, {len(written.layers)} layers")
+            print(f"{layer.layer:<{width}}  {counted(layer.features, 'feature')}, {layer.geometry}{lost}")
+        print(f"{output}: {output.stat().st_size:,} bytes, {counted(len(written.layers), 'layer')}")

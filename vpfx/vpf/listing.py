@@ -17,7 +17,7 @@ from vpfx.vpf.schema import FeatureClass
 from vpfx.vpf.table import Ragged, Table, TableFile, open_table
 from vpfx.vpf.values import is_null, texts
 
-__all__ = ["list_database", "list_lines", "table_problems", "table_rows"]
+__all__ = ["counted", "list_database", "list_lines", "table_problems", "table_rows"]
 
 CONTROLS = {code: f"\\x{code:02x}" for code in (*range(32), *range(127, 160))}
 """Characters that would steer a terminal, and how they are shown."""
@@ -94,7 +94,7 @@ def list_lines(document: dict[str, Any]) -> list[str]:
     for library in document["libraries"]:
         extent = library["extent"]
         where = "no extent" if extent is None else " ".join(f"{value:.10g}" for value in extent)
-        lines.append(f"  {library['name']}  {where}, {_count(library['tiles'], 'tile')}")
+        lines.append(f"  {library['name']}  {where}, {counted(library['tiles'], 'tile')}")
         for coverage in library["coverages"]:
             level = "–" if coverage["level"] is None else coverage["level"]
             lines.append(f"    {coverage['name']}  topology level {level}  {coverage['description']}".rstrip())
@@ -106,14 +106,21 @@ def list_lines(document: dict[str, Any]) -> list[str]:
     return [line.translate(CONTROLS) for line in lines]
 
 
-def _count(n: int, name: str) -> str:
-    return f"{n} {name}" if n == 1 else f"{n} {name}s"
+def counted(n: int, name: str) -> str:
+    """Say how many there are of what a name names.
+
+    Examples
+    --------
+    >>> counted(1, "row"), counted(1200, "feature")
+    ('1 row', '1,200 features')
+    """
+    return f"{n:,} {name}" if n == 1 else f"{n:,} {name}s"
 
 
 def _class_lines(classes: list[dict[str, Any]]) -> list[str]:
     rows = []
     for found in classes:
-        count = "missing" if found["rows"] is None else _count(found["rows"], "row")
+        count = "missing" if found["rows"] is None else counted(found["rows"], "row")
         way = " by ".join(filter(None, (found["primitive"] or "–", found["join"])))
         rows.append((found["name"], found["kind"], found["table"], count, way, found["description"]))
     widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
