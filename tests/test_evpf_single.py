@@ -49,6 +49,14 @@ def test_what_comes_back_is_valid(name, place, tmp_path):
     assert validate(again, dem=[dem]).findings == ()
 
 
+def test_tiles_whose_corners_are_rounded(tmp_path):
+    """The rectangles and the index of the tiles hold the corners as they are and as they are written."""
+    place = {"x0": -107.7047689924195, "y0": 36.2966205300755, "step": 39 / 10800, "crs": "EPSG:4269"}
+    dem = write_dem(tmp_path / "a.tif", hills(23, 67), **place)
+    store = vpfx.build(dem, tmp_path / "a.gpkg", max_error=(20,), tile_size=11).path
+    assert validate(export_vpf(store, tmp_path / "single").path).findings == ()
+
+
 @pytest.fixture(scope="module")
 def junctions(tmp_path_factory):
     """Return a store with T-junctions that came from single precision, of nested levels."""

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 from pyproj import CRS
 
 from vpfx.dem.reference import unit_metres
@@ -193,7 +193,7 @@ def write_libref(coverage: Folder, extent: Extent, *, is_double: bool) -> None:
     rings = Planar(np.array([1, 0]), np.array([0, 0]), np.array([0, 0, 1]), np.array([-1, 0, 0]), 1, 0)
     tables = Primitives(
         "B" if is_double else "C", places[:1], np.zeros((1, 2), np.int64), Ragged(np.array([0, 5]), places),
-        _inner([0]), _inner([[1, 0]]), _inner([[0, 0]]), rings, np.array([extent, extent]),
+        _inner([0]), _inner([[1, 0]]), _inner([[0, 0]]), rings, _boxes([extent, extent], is_double),
     )  # fmt: skip
     write_primitives(coverage, tables, extent, is_tiled=False)
     layout = layouts.feature("Library Reference Line Feature Table", (), "edg", is_tiled=False)
@@ -226,7 +226,7 @@ def write_tileref(coverage: Folder, tiling: Tiling, extents: Floats, *, is_doubl
         raise InputError("single precision: found corners of tiles that come to lie in one place; give --double")
     edge_nodes, sides = _tile_edges(n_row, n_col)
     planar = planar_graph(places, edge_nodes, sides)
-    boxes = np.concatenate([[[xs[0], ys[0], xs[-1], ys[-1]]], extents])
+    boxes = _boxes(np.concatenate([[[xs[0], ys[0], xs[-1], ys[-1]]], extents]), is_double)
     first_edge = np.full(len(places), len(edge_nodes), np.int64)
     np.minimum.at(first_edge, edge_nodes.ravel(), np.repeat(np.arange(len(edge_nodes)), 2))
     tables = Primitives(
@@ -238,6 +238,11 @@ def write_tileref(coverage: Folder, tiling: Tiling, extents: Floats, *, is_doubl
     names = ["\\".join(path) for path in tile_paths(tiling)]
     coverage.write("tileref.aft", layouts.TILEREF, {"id": ids, "tile_name": names, "fac_id": ids + 1})
     _write_schema(coverage, "tileref", "tileref.aft", "fac")
+
+
+def _boxes(extents: ArrayLike, is_double: bool) -> Floats:
+    """Rectangles that hold extents, and their corners as written."""
+    return np.asarray(extents if is_double else outward(extents), np.float64)
 
 
 def _tile_edges(n_row: int, n_col: int) -> tuple[Ints, Sides]:
