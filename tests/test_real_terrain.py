@@ -1,7 +1,8 @@
-"""Every elevation file at hand: built, and judged in full, or refused in one line."""
+"""Every elevation file at hand: built, and judged in full, or refused in one line; as VPF and back."""
 
 from __future__ import annotations
 
+import filecmp
 from pathlib import Path
 
 import pytest
@@ -11,7 +12,11 @@ from invariants import judge_store
 from rasterio.merge import merge
 
 from vpfx.errors import DemFormatError
+from vpfx.evpf.reading import import_vpf
+from vpfx.evpf.writing import export_vpf
 from vpfx.pipeline import build
+from vpfx.validate import validate
+from vpfx.validate.report import NOTE
 
 FIXTURES = Path(__file__).parents[1] / "fixtures" / "dem"
 FIXTURE_FILES = sorted(path.name for path in FIXTURES.iterdir() if path.suffix != ".toml")
@@ -38,6 +43,21 @@ def test_shared_dem(name: str, tmp_path: Path) -> None:
     report = build(path, store, max_error=bounds)
     figures = judge_store(store, path)
     assert len(figures) == len(report.levels) == len(bounds)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", SHARED_FILES)
+def test_shared_dem_as_vpf(name: str, tmp_path: Path) -> None:
+    """In tiles: both precisions are clean VPF, and what comes back is the store, or a clean one."""
+    store = build(shared_dem(name), tmp_path / "store.gpkg", max_error=COARSE.get(name, (100, 50)), tile_size=600).path
+    for is_double in (False, True):
+        written = export_vpf(store, tmp_path / "vpf", is_double=is_double, overwrite=True).path
+        assert [found for found in validate(written).findings if found.severity != NOTE] == []
+        back = import_vpf(written, tmp_path / "back.gpkg", overwrite=True).path
+        if is_double:
+            assert filecmp.cmp(store, back, shallow=False)
+        else:
+            assert validate(back).findings == ()
 
 
 def test_what_is_no_raster_is_refused_in_one_line(tmp_path: Path) -> None:
