@@ -252,6 +252,33 @@ def test_info_refuses_a_truncated_store(n_byte, run, store):
     assert_refused(run("info", "cut.gpkg"), FAILURE, r"cut\.gpkg: found .*, expected")
 
 
+READING = {
+    "export": "export broken.gpkg --to vpf -o broken --overwrite",
+    "info": "info broken.gpkg",
+    "measure": "measure broken.gpkg",
+    "volume": "query volume broken.gpkg --plane 2000",
+}
+
+
+@pytest.mark.parametrize("command", READING)
+def test_a_broken_page_is_told_in_one_line(command, run, store):
+    """Whatever table it belongs to; commands that do not read it work."""
+    connection = sqlite3.connect(store)
+    roots = connection.execute("SELECT name, rootpage FROM sqlite_schema WHERE rootpage > 0").fetchall()
+    (size,) = connection.execute("PRAGMA page_size").fetchone()
+    connection.close()
+    refused = set()
+    for name, root in roots:
+        data = bytearray(store.read_bytes())
+        data[(root - 1) * size : root * size] = b"\xff" * size
+        Path("broken.gpkg").write_bytes(data)
+        outcome = run(*READING[command].split())
+        if outcome.code != GOOD:
+            assert_refused(outcome, FAILURE, r"broken\.gpkg: ")
+            refused.add(name)
+    assert refused >= {"metadata", "level"}
+
+
 def test_info_refuses_what_is_no_store(run, tmp_path):
     fiona = pytest.importorskip("fiona")
     schema = {"geometry": "Point", "properties": {"name": "str"}}

@@ -43,7 +43,7 @@ def faces(draw):
     return area, corners if area > 0 else corners[::-1], heights
 
 
-@settings(deadline=None, max_examples=50)
+@settings(deadline=None, max_examples=25)
 @given(faces(), st.sampled_from([1.0, 4.0, 10.0, 25.0]))
 def test_a_face_holds_inside_the_leeway_and_not_outside(face, bound):
     area, (a, b, c), heights = face

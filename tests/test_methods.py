@@ -104,7 +104,7 @@ def test_the_page_tells_of_every_method():
 
 @pytest.mark.parametrize("surface", SURFACES)
 @pytest.mark.parametrize("case", CASES)
-@pytest.mark.parametrize("mode", ["bounds", "passes", "small squares", "filled"])
+@pytest.mark.parametrize("mode", ["bounds", "passes", pytest.param("small squares", marks=pytest.mark.slow), "filled"])
 def test_methods_keep_what_they_say(mode, case, surface):
     grid, case = SURFACES[surface], CASES[case]
     modes = {

@@ -14,6 +14,7 @@ from surfaces import SOLID, VOIDS, hills, write_dem
 import vpfx
 from vpfx.errors import StoreError, StoreFormatError
 from vpfx.store.arrays import NONE_ID, TableReader
+from vpfx.store.connection import open_reading
 
 TABLES = ("node", "edge", "face", "tile", "tile_level")
 
@@ -265,7 +266,7 @@ def test_ranges_of_strangers_are_checked(tmp_path, stores):
 def test_a_locked_store_is_told(tmp_path, stores):
     path = tmp_path / "a.gpkg"
     shutil.copy(stores[0], path)
-    with opened(path) as connection, closing(sqlite3.connect(path, isolation_level=None)) as other:
+    with closing(open_reading(path)) as connection, closing(sqlite3.connect(path, isolation_level=None)) as other:
         connection.execute("PRAGMA busy_timeout = 10")
         reader = TableReader(connection, path)
         other.execute("BEGIN EXCLUSIVE")

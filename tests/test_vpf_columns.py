@@ -63,7 +63,7 @@ def test_columns_of_any_type_are_read_or_refused(name, tmp_path):
     rows, _ = oracle.rows_of(path.read_bytes(), fields, order, at)
     before = read_all(root)
     n_told = 0
-    cases = [(i, *form) for i in range(len(fields)) for form in TYPES[i % 2 :: 2]]
+    cases = [(i, *form) for i in range(len(fields)) for form in TYPES[i % 3 :: 3]]
     for i, kind, count in cases:
         changed = [*fields[:i], oracle.Field(fields[i].name, kind, count), *fields[i + 1 :]]
         values = [[*row[:i], value_of(kind, count, number), *row[i + 1 :]] for number, row in enumerate(rows, 1)]

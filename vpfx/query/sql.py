@@ -17,7 +17,8 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from vpfx.errors import InputError, NotFoundError
-from vpfx.store.contents import check_schema, error_kind
+from vpfx.store.connection import error_kind
+from vpfx.store.contents import check_schema
 from vpfx.store.edit import edit_store, told
 
 __all__ = ["FORMATS", "Answer", "answer_sql", "to_arrow", "to_csv", "to_json", "to_table"]

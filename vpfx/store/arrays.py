@@ -12,8 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from vpfx.errors import StoreError, StoreFormatError
-from vpfx.store.contents import INTERRUPTED, error_code
+from vpfx.errors import StoreFormatError
 from vpfx.store.mapping import Pages, key_of, map_pages
 from vpfx.store.page_pairs import read_pairs
 from vpfx.store.page_reader import OTHER, PAGE, REAL, WHOLE, find_leaves, read_records
@@ -211,12 +210,7 @@ class TableReader:
 
     def _lock(self) -> None:
         """Take SQLite's shared lock, which a transaction gets with its first read."""
-        try:
-            self._connection.execute("SELECT 1 FROM sqlite_schema LIMIT 1").fetchone()
-        except sqlite3.OperationalError as error:
-            if error_code(error) == sqlite3.SQLITE_READONLY_ROLLBACK:
-                raise StoreError(f"{self._path}: {INTERRUPTED}") from error
-            raise StoreError(f"{self._path}: cannot be read: {error}; somebody is writing, try again") from error
+        self._connection.execute("SELECT 1 FROM sqlite_schema LIMIT 1").fetchone()
 
     def _by_sql(self, table: str, columns: list[tuple[str, int]], runs: Runs) -> dict[str, NDArray[Any]]:
         names = [name for i, (name, kind) in enumerate(columns) if i == 0 or kind != OTHER]

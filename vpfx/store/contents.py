@@ -21,13 +21,10 @@ from vpfx.store.summary import LevelSummary
 
 __all__ = [
     "FORMAT_VERSION",
-    "INTERRUPTED",
     "METADATA",
     "MOST_CHARACTERS",
     "check_schema",
     "decode_metadata",
-    "error_code",
-    "error_kind",
     "is_horizontal",
     "read_extent",
     "read_levels",
@@ -36,11 +33,6 @@ __all__ = [
 
 FORMAT_VERSION = "0.1"
 
-INTERRUPTED = (
-    "found a change that was interrupted, which waits to be undone; open it for writing once: "
-    'vpfx sql STORE "SELECT 1" --write'
-)
-"""What to tell of a hot journal."""
 MOST_CHARACTERS = 1 << 20  # of one metadata value
 
 _NUMBER = (int, float)
@@ -51,16 +43,6 @@ METADATA: dict[str, type | tuple[type, ...]] = {
     "area_m2": _NUMBER, "void_area_m2": _NUMBER,
 }  # fmt: skip
 """Names of the table `metadata`, and of which type their values are; those that are not text are JSON."""
-
-
-def error_code(error: Exception) -> int:
-    """Extended code of what SQLite refused; its general error where there is none."""
-    return int(getattr(error, "sqlite_errorcode", sqlite3.SQLITE_ERROR))
-
-
-def error_kind(error: Exception) -> int:
-    """Primary code of what SQLite refused: the last eight bits of the extended one."""
-    return error_code(error) & 0xFF
 
 
 def check_schema(connection: sqlite3.Connection, path: Path) -> None:

@@ -28,7 +28,8 @@ from vpfx.store.classes import (
     read_classes,
     stored,
 )
-from vpfx.store.contents import INTERRUPTED, check_schema, error_code, error_kind
+from vpfx.store.connection import INTERRUPTED, error_code, error_kind
+from vpfx.store.contents import check_schema
 from vpfx.store.geopackage import register_class, unregister_class
 from vpfx.store.mapping import unmapped
 

@@ -5,7 +5,6 @@ A store from a stranger is read safely: read-only, with untrusted schema, and on
 
 from __future__ import annotations
 
-import sqlite3
 from collections.abc import Callable, Hashable, Iterator, Sequence
 from contextlib import contextmanager
 from functools import cached_property
@@ -20,15 +19,8 @@ from vpfx.errors import InputError, NotFoundError, StoreError, StoreFormatError
 from vpfx.model import CUTS, Extent, Tin
 from vpfx.store.arrays import NONE_ID, TableReader, runs_of, to_array
 from vpfx.store.classes import FeatureClass, read_classes
-from vpfx.store.contents import (
-    INTERRUPTED,
-    check_schema,
-    error_code,
-    error_kind,
-    read_extent,
-    read_levels,
-    read_metadata,
-)
+from vpfx.store.connection import open_reading
+from vpfx.store.contents import check_schema, read_extent, read_levels, read_metadata
 from vpfx.store.descent import descend, mesh_of
 from vpfx.store.digest import REALS
 from vpfx.store.mapping import key_of
@@ -69,14 +61,12 @@ class StoreReader:
             )
         try:
             key = key_of(path)
-            uri = f"{path.absolute().as_uri()}?mode=ro"
-            self._connection = sqlite3.connect(uri, uri=True, isolation_level=None)
-        except (OSError, sqlite3.Error) as error:
+        except OSError as error:
             raise StoreError(f"{path}: cannot be opened: {error}") from error
+        self._connection = open_reading(path)
         try:
             if key_of(path) != key:
                 raise StoreError(f"{path}: was replaced while it was opened; try again")
-            self._connection.execute("PRAGMA trusted_schema = OFF")
             self._connection.execute("BEGIN")  # all that is read from here on is of one state of the file
             check_schema(self._connection, path)
             self.metadata = read_metadata(self._connection, str(path))
@@ -86,14 +76,6 @@ class StoreReader:
             self._connection.execute("COMMIT")
             self._reader = TableReader(self._connection, path, key)
             self._recent = Recent()
-        except (sqlite3.DatabaseError, UnicodeDecodeError) as error:
-            self.close()
-            if error_code(error) == sqlite3.SQLITE_READONLY_ROLLBACK:
-                raise StoreError(f"{path}: {INTERRUPTED}") from error
-            if error_kind(error) in (sqlite3.SQLITE_BUSY, sqlite3.SQLITE_LOCKED):
-                raise StoreError(f"{path}: cannot be read: {error}; somebody is writing, try again") from error
-            reason = "no SQLite database" if "not a database" in str(error) else f"a damaged database ({error})"
-            raise StoreFormatError(str(path), "", f"found {reason}, expected a store made by vpfx build") from error
         except BaseException:
             self.close()
             raise

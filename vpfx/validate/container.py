@@ -6,7 +6,8 @@ import sqlite3
 from collections.abc import Iterator
 from itertools import chain
 
-from vpfx.store.contents import FORMAT_VERSION, error_kind
+from vpfx.store.connection import error_kind
+from vpfx.store.contents import FORMAT_VERSION
 from vpfx.store.geopackage import APPLICATION_ID
 from vpfx.validate.report import ERROR, WARNING, Defects, Rule, one
 from vpfx.validate.store_data import HEADER, StoreData

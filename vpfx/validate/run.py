@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from vpfx.errors import DemFormatError, FormatError, InputError, StoreError
-from vpfx.store.contents import error_kind
+from vpfx.store.connection import error_kind
 from vpfx.validate.report import MOST_SHOWN, Defects, Finding, Rule, one
 
 __all__ = ["Stage", "chosen_rules", "in_order", "matches", "run"]

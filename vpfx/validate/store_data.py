@@ -24,7 +24,8 @@ from vpfx.errors import StoreError, StoreFormatError
 from vpfx.methods import METHODS
 from vpfx.model import Extent, Grid
 from vpfx.store.arrays import NO_IDS, TableReader
-from vpfx.store.contents import INTERRUPTED, METADATA, MOST_CHARACTERS, error_code
+from vpfx.store.connection import INTERRUPTED, error_code
+from vpfx.store.contents import METADATA, MOST_CHARACTERS
 from vpfx.store.ddl import schema_sql
 from vpfx.store.geopackage import find_srs
 from vpfx.store.tiles import Tiling
