@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import signal
+from collections import Counter
 from pathlib import Path
 
 import pytest
@@ -15,6 +16,23 @@ settings.load_profile("patient")
 # started in the background of a shell: the programs under test would inherit it
 if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
     signal.signal(signal.SIGINT, signal.default_int_handler)
+
+FIRST, BESIDE = "test_methods.py", "test_vpf_"
+"""Files that one process begins with, which compiles what builds stores, and those for the other one meanwhile."""
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Give files an order for two processes: nothing is compiled twice, and the longest come early."""
+    count = Counter(item.path for item in items)
+
+    def rank(item: pytest.Item) -> tuple[int, int, str]:
+        name, n = item.path.name, count[item.path]
+        if name == FIRST:
+            return 0, 0, name
+        return (1, n, name) if name.startswith(BESIDE) else (2, -n, str(item.path))
+
+    items.sort(key=rank)
+
 
 SHARED = Path(__file__).resolve().parents[2] / "shared"
 
