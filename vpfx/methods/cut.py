@@ -140,10 +140,10 @@ def cut_faces(faces, inner_node, is_flipped, face_nodes, side_twin, side_node, f
     halves = np.empty((len(faces), 3, 2), np.int32)
     n = n_face
     for k in range(len(faces)):
-        face = faces[k]
+        face = np.int64(faces[k])
         for side in range(3 * n, 3 * (n + MOST_CHILDREN)):
             side_twin[side] = side_node[side] = NONE
-        added = cut_one(face, side_node, inner_node[k], is_flipped[k], n, face_nodes, side_twin, halves[k])
+        added = cut_one(face, side_node, np.int64(inner_node[k]), is_flipped[k], n, face_nodes, side_twin, halves[k])
         first_child[face], n_child[face], slot[face] = n, added, k
         for child in range(n, n + added):
             first_child[child], n_child[child], slot[child] = NONE, 0, NONE

@@ -45,7 +45,7 @@ def _sum_posts(faces, nodes, face_nodes, heights, power, bound, matrix, pull):
     posts, corner, steps = make_room(heights.size)
     for k in range(len(faces)):
         a, b, c = face_nodes[faces[k], 0], face_nodes[faces[k], 1], face_nodes[faces[k], 2]
-        n_post = gather_posts(faces[k], nodes, face_nodes, heights, posts, corner, steps)
+        n_post = gather_posts(np.int64(faces[k]), nodes, face_nodes, heights, posts, corner, steps)
         to_b, up_b = nodes[b, 0] - nodes[a, 0], nodes[b, 1] - nodes[a, 1]
         to_c, up_c = nodes[c, 0] - nodes[a, 0], nodes[c, 1] - nodes[a, 1]
         area = to_b * up_c - to_c * up_b

@@ -71,16 +71,18 @@ def _fill_leeways(side, n_post, node, tree, heights, terms, rule, room, leeways)
     posts, _, _, work, bins = room
     face, i, middle, n_place = side // 3, side % 3, rule[1], rule[2]
     if is_whole(face, side_node):
-        a, b, c = face_nodes[face, i], face_nodes[face, (i + 1) % 3], face_nodes[face, (i + 2) % 3]
+        a, b, c = (
+            np.int64(face_nodes[face, i]), np.int64(face_nodes[face, (i + 1) % 3]), np.int64(face_nodes[face, (i + 2) % 3]),
+        )  # fmt: skip
         most = greatest_thinness(face, nodes, face_nodes, terms)
         find_leeways(a, b, c, posts, n_post, nodes, terms[0], terms[1], most, middle, n_place, work, bins, leeways)
         return
-    hint = 0
+    hint = np.int64(0)
     side_node[side] = node
     leeways[:, LEFT_LOW], leeways[:, RIGHT_LOW] = np.inf, np.inf
     for place in range(0, n_place, PAIR_STEP):
         put_on_side(side, share_of(place, middle, n_place), node, nodes, face_nodes, heights)
-        found = try_cut(face, False, hint, posts, n_post, nodes, face_nodes, side_node, terms)[0]
+        found = try_cut(face, np.bool_(False), hint, posts, n_post, nodes, face_nodes, side_node, terms)[0]
         hint = found if found >= 0 else hint
         leeways[place, LEFT_LOW] = leeways[place, RIGHT_LOW] = nodes[node, 2] if found == HOLDS else np.inf
         leeways[place, LEFT_HIGH] = leeways[place, RIGHT_HIGH] = nodes[node, 2]
@@ -108,7 +110,8 @@ def fill_places(face, node, tree, heights, terms, rule, side_state, room, places
     middle, n_place = rule[1], rule[2]
     n_post = gather_posts(face, nodes, face_nodes, heights, posts, corner, steps)
     is_broken = not is_whole(face, side_node)
-    if is_broken and try_cut(face, False, 0, posts, n_post, nodes, face_nodes, side_node, terms)[0] == HOLDS:
+    flip, hint = np.bool_(False), np.int64(0)
+    if is_broken and try_cut(face, flip, hint, posts, n_post, nodes, face_nodes, side_node, terms)[0] == HOLDS:
         return True
     for i in range(3):
         side = 3 * face + i

@@ -145,8 +145,9 @@ def _fill_pairs(face, i, node, n_post, tree, terms, rule, places, room, leeways,
             if not places[fixed, at, low] <= places[fixed, at, HEIGHT] <= places[fixed, at, high]:
                 continue
             find_leeways(
-                start, end, apex, posts, n_post, nodes, aspect, bound, most, middle, n_pair, work, bins, leeways
-            )
+                np.int64(start), np.int64(end), apex, posts, n_post, nodes, aspect, bound, most, middle, n_pair, work, bins,
+                leeways,
+            )  # fmt: skip
             for other in range(n_pair):
                 if fits(places[free, other * PAIR_STEP, HEIGHT], leeways, other):
                     one, two = (other, place) if diagonal == 0 else (place, other)
@@ -234,7 +235,7 @@ def _settle(
     places, across = borrowed(places), borrowed(across)
     pair_room = (borrowed(leeways), borrowed(holds), borrowed(gains), borrowed(order))
     tree, state = (nodes, face_nodes, side_twin, side_node), (is_stale, settled, broken)
-    bound, n, count = terms[1], len(faces), 0
+    bound, n, count = terms[1], len(faces), np.int64(0)
     for turn in range(rule[5]):
         for k in range(n):
             face = np.int64(faces[k])

@@ -221,6 +221,10 @@ def try_cut(face, flip, hint, posts, n_post, nodes, face_nodes, side_node, terms
     int, bool
         HOLDS, or why not: which of the posts is off by more than the bound, or TOO_THIN; and the diagonal that rule 2 takes:
         `flip`, unless it does not hold and the other does.
+
+    Notes
+    -----
+    Give face and hint as int64, and no constants: numba compiles this, and what it calls, once more for every other type.
     """
     aspect, bound = terms[0], terms[1]
     first, n_broken = 0, 0
@@ -241,7 +245,7 @@ def try_cut(face, flip, hint, posts, n_post, nodes, face_nodes, side_node, terms
         return _try_three(a, b, c, m, o, p, hint, posts, n_post, nodes, aspect, bound, most), flip
     found = _try_two(a, b, c, m, o, flip, hint, posts, n_post, nodes, aspect, bound, most)
     if found != HOLDS:
-        hint = max(found, 0)
+        hint = np.int64(max(found, 0))
         if _try_two(a, b, c, m, o, not flip, hint, posts, n_post, nodes, aspect, bound, most) == HOLDS:
             return HOLDS, not flip
     return found, flip
@@ -269,7 +273,7 @@ def holding_diagonal(face, nodes, face_nodes, side_node, heights, terms, room):
         return flip
     posts, corner, steps = room
     n_post = gather_posts(face, nodes, face_nodes, heights, posts, corner, steps)
-    return try_cut(face, flip, 0, posts, n_post, nodes, face_nodes, side_node, terms)[1]
+    return try_cut(face, flip, np.int64(0), posts, n_post, nodes, face_nodes, side_node, terms)[1]
 
 
 @njit(nogil=True, cache=True)
@@ -278,5 +282,5 @@ def choose_diagonals(faces, nodes, face_nodes, side_node, heights, terms):
     room = make_room(heights.size)
     is_flipped = np.empty(len(faces), np.bool_)
     for k in range(len(faces)):
-        is_flipped[k] = holding_diagonal(faces[k], nodes, face_nodes, side_node, heights, terms, room)
+        is_flipped[k] = holding_diagonal(np.int64(faces[k]), nodes, face_nodes, side_node, heights, terms, room)
     return is_flipped

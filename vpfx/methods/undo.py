@@ -59,7 +59,7 @@ def _would_hold(face, tree, face_error, heights, terms, room):
         return face_error[face] <= terms[1]
     posts, corner, steps = room
     n_post = gather_posts(face, nodes, face_nodes, heights, posts, corner, steps)
-    return try_cut(face, False, 0, posts, n_post, nodes, face_nodes, side_node, terms)[0] == HOLDS
+    return try_cut(face, np.bool_(False), np.int64(0), posts, n_post, nodes, face_nodes, side_node, terms)[0] == HOLDS
 
 
 @njit(nogil=True, cache=True)
@@ -74,10 +74,10 @@ def _cut_anew(face, tree, side_state, face_error, heights, terms, halves, room):
             halves[i, 0] = halves[i, 1] = 3 * face + i
         return
     flip = holding_diagonal(face, nodes, face_nodes, side_node, heights, terms, room)
-    first = first_child[face]
+    first = np.int64(first_child[face])
     side_twin[3 * first : 3 * (first + n_child[face])] = NONE
     side_state[3 * first : 3 * (first + n_child[face])] = OPEN
-    n_child[face] = cut_one(face, side_node, NONE, flip, first, face_nodes, side_twin, halves)
+    n_child[face] = cut_one(face, side_node, np.int64(NONE), flip, first, face_nodes, side_twin, halves)
     face_error[first : first + n_child[face]] = np.inf
 
 
@@ -120,7 +120,8 @@ def undo_breaks(faces, tree, side_state, face_error, heights, terms):
     halves, other_halves = np.empty((3, 2), np.int32), np.empty((3, 2), np.int32)
     room = make_room(heights.size)
     count = 0
-    for face in faces:
+    for k in range(len(faces)):
+        face = np.int64(faces[k])
         if _has_only_leaves(face, tree) and is_whole(face, side_node):
             if _would_hold(face, tree, face_error, heights, terms, room):  # rule 4
                 _find_outer(face, tree, outer)
@@ -130,7 +131,7 @@ def undo_breaks(faces, tree, side_state, face_error, heights, terms):
             continue
         for side in range(3 * face, 3 * face + 3):
             node, twin = side_node[side], side_twin[side]
-            other = NONE if twin == NONE else twin // 3
+            other = np.int64(NONE if twin == NONE else twin // 3)
             if node == NONE or 0 <= twin < side or side_state[side] == KEPT or not _has_only_leaves(face, tree):
                 continue
             if other != NONE and not _has_only_leaves(other, tree):

@@ -127,7 +127,7 @@ class _Mesh(Refinement):
 
     def undo(self, faces: Faces, bound: float) -> None:
         """Undo what turned out needless of the cuts of some faces, in this order."""
-        forest = self.forest
+        forest, faces = self.forest, np.ascontiguousarray(faces)
         for _ in range(SWEEPS):
             undo_breaks(faces, forest.tree, forest.side_state, forest.face_error, self.patch.heights, self.terms(bound))
 
