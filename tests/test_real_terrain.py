@@ -49,7 +49,7 @@ def test_shared_dem(name: str, tmp_path: Path) -> None:
 @pytest.mark.parametrize("name", SHARED_FILES)
 def test_shared_dem_as_vpf(name: str, tmp_path: Path) -> None:
     """In tiles: both precisions are clean VPF, and what comes back is the store, or a clean one."""
-    store = build(shared_dem(name), tmp_path / "store.gpkg", max_error=COARSE.get(name, (100, 50)), tile_size=600).path
+    store = build(shared_dem(name), tmp_path / "store.gpkg", max_error=COARSE.get(name, (100, 50)), tile_size=450).path
     for is_double in (False, True):
         written = export_vpf(store, tmp_path / "vpf", is_double=is_double, overwrite=True).path
         assert [found for found in validate(written).findings if found.severity != NOTE] == []
