@@ -185,7 +185,7 @@ def surfaces(draw):
     return heights, place, options
 
 
-@settings(max_examples=8, deadline=None)
+@settings(max_examples=5, deadline=None)
 @given(surfaces())
 def test_any_store(case):
     heights, place, options = case
@@ -274,7 +274,7 @@ SPECIAL = [
 NOTHING = [("soil", "Böden", {"n": ("integer", "", ""), "day": ("date", "", "")}, [], [])]
 
 
-@settings(max_examples=8, deadline=None)
+@settings(max_examples=5, deadline=None)
 @example(found=SPECIAL, seed=0, first_id=1)
 @example(found=NOTHING, seed=0, first_id=7)
 @given(found=classes(), seed=st.integers(0, 99), first_id=st.sampled_from([1, 1, 7]))

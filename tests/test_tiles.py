@@ -39,6 +39,8 @@ MODES = {
     "pyramid, passes": {"method": "delaunay_pyramid", "passes": 2, "tolerance": 2.0, "grid": (2, 1)},
     "delaunay": {"passes": 1, "start": "delaunay", "start_posts": 10, "diagonal": "random"},
 }
+LONG = ("fitted for rmse", "pyramid, passes", "ternary")
+EVERY = [pytest.param(mode, marks=pytest.mark.slow if mode in LONG else ()) for mode in MODES]
 
 
 def crop(path, rows=slice(0, 90), cols=slice(0, 120), **options):
@@ -63,7 +65,7 @@ def build_and_judge(dems, output, **options):
 
 
 @pytest.mark.parametrize("tile_size", [17, pytest.param(32, marks=pytest.mark.slow), 1000])
-@pytest.mark.parametrize("mode", MODES)
+@pytest.mark.parametrize("mode", EVERY)
 def test_terrain_in_tiles(mode, tile_size, tmp_path):
     dem = crop(tmp_path / "nm.tif")
     report = build_and_judge(dem, tmp_path / "nm.gpkg", tile_size=tile_size, **MODES[mode])
@@ -71,7 +73,7 @@ def test_terrain_in_tiles(mode, tile_size, tmp_path):
     assert [line.faces for line in report.levels] == sorted(line.faces for line in report.levels)
 
 
-@pytest.mark.parametrize("mode", MODES)
+@pytest.mark.parametrize("mode", EVERY)
 def test_any_number_of_workers_gives_the_same_bytes(mode, tmp_path):
     dem = crop(tmp_path / "nm.tif")
     stores = []
@@ -82,7 +84,7 @@ def test_any_number_of_workers_gives_the_same_bytes(mode, tmp_path):
 
 
 @pytest.mark.parametrize("cut", [46, pytest.param(45, marks=pytest.mark.slow), 13])
-@pytest.mark.parametrize("mode", MODES)
+@pytest.mark.parametrize("mode", EVERY)
 def test_two_files_give_what_their_mosaic_gives(mode, cut, tmp_path):
     """The files share a row of posts, which lies on a tile border or not."""
     whole = crop(tmp_path / "whole.tif", slice(0, 91))
