@@ -276,6 +276,7 @@ NOTHING = [("soil", "Böden", {"n": ("integer", "", ""), "day": ("date", "", "")
 
 @settings(max_examples=5, deadline=None)
 @example(found=SPECIAL, seed=0, first_id=1)
+@example(found=[("q0", "", {"q_": ("text", "", "")}, [], [])], seed=0, first_id=1)
 @example(found=NOTHING, seed=0, first_id=7)
 @given(found=classes(), seed=st.integers(0, 99), first_id=st.sampled_from([1, 1, 7]))
 def test_any_attributes(bare, found, seed, first_id):

@@ -190,7 +190,9 @@ def _described_values(store: StoreReader, found: FeatureClass) -> list[tuple[str
 def _column(name: str, column: StoreColumn, values: list[Any]) -> tuple[Column, Any]:
     """A column of a class, and its values as they are written."""
     unit = described(column.unit)
-    text = f"{described(column.description) or name.replace('_', ' ')}{f' ({unit})' if unit else ''}"[:MOST_DESCRIPTION]
+    plain = described(column.description) or name.replace("_", " ").strip()
+    text = f"{plain} ({unit})" if unit else plain
+    text = text[:MOST_DESCRIPTION].strip()
     if column.kind == "real":
         return Column(name, "R", 1, "N", text), np.array(values, np.float64)
     if column.kind == "date":
