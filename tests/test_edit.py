@@ -329,11 +329,11 @@ def test_many_readers_beside_one_writer(path):
     readers = [context.Process(target=read_on, args=(path, stop, found)) for _ in range(2)]
     for reader in readers:
         reader.start()
-    for step in range(60):
+    for step in range(150):
         with edit_store(path) as editor:
             editor.connection.execute("UPDATE soil SET depth = ? WHERE feature_id = 1", (step,))
             editor.connection.execute("UPDATE soil SET depth = ? WHERE feature_id = 2", (step + 1,))
-    stop.wait(2)
+    stop.wait(4)
     stop.set()
     counts = [found.get(timeout=60) for _ in readers]
     for reader in readers:
