@@ -5,6 +5,7 @@ from __future__ import annotations
 import errno
 import os
 import re
+import shutil
 import signal
 import sqlite3
 import subprocess
@@ -444,17 +445,21 @@ BROKEN = {
 }
 
 
-@pytest.mark.parametrize("change", BROKEN)
-def test_a_store_that_is_broken_is_told(change, store, tmp_path):
-    path = tmp_path / "a.gpkg"
-    path.write_bytes(store.read_bytes())
+def assert_told(path, change, errors, message, **options):
+    """Hold that the export of a store in its own folder is refused after a change, and leaves nothing behind."""
     with closing(sqlite3.connect(path)) as database:
         database.execute("PRAGMA ignore_check_constraints = ON")
         database.execute(change)
         database.commit()
-    with pytest.raises((StoreFormatError, NotFoundError), match=BROKEN[change]):
-        export_vpf(path, tmp_path / "nm", is_double=True)
-    assert os.listdir(tmp_path) == ["a.gpkg"]
+    with pytest.raises(errors, match=message):
+        export_vpf(path, path.with_name("nm"), **options)
+    assert os.listdir(path.parent) == ["a.gpkg"]
+
+
+@pytest.mark.parametrize("change", BROKEN)
+def test_a_store_that_is_broken_is_told(change, store, tmp_path):
+    path = shutil.copyfile(store, tmp_path / "a.gpkg")
+    assert_told(path, change, (StoreFormatError, NotFoundError), BROKEN[change], is_double=True)
 
 
 BROKEN_CLASS = {
@@ -476,13 +481,7 @@ def test_attributes_that_are_broken_are_told(change, store, tmp_path):
         editor.create_class("soil", {"code": "integer", "depth": "real", "day": "date"})
         editor.add_features("soil", {"code": [1], "depth": [0.5], "day": ["1998-12-01"]})
         editor.describe_values("soil", "code", {1: "deep"})
-    with closing(sqlite3.connect(path)) as database:
-        database.execute("PRAGMA ignore_check_constraints = ON")
-        database.execute(change)
-        database.commit()
-    with pytest.raises(StoreFormatError, match=BROKEN_CLASS[change]):
-        export_vpf(path, tmp_path / "nm")
-    assert os.listdir(tmp_path) == ["a.gpkg"]
+    assert_told(path, change, StoreFormatError, BROKEN_CLASS[change])
 
 
 @pytest.mark.parametrize("level", [0, 1])

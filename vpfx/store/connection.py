@@ -10,7 +10,7 @@ from typing import Any, cast
 
 from vpfx.errors import StoreError, StoreFormatError, VpfxError
 
-__all__ = ["INTERRUPTED", "ReadingConnection", "error_code", "error_kind", "open_reading"]
+__all__ = ["INTERRUPTED", "ReadingConnection", "error_code", "error_kind", "open_reading", "refusal"]
 
 INTERRUPTED = (
     "found a change that was interrupted, which waits to be undone; open it for writing once: "
@@ -79,11 +79,11 @@ class _Cursor(sqlite3.Cursor):
         except sqlite3.ProgrammingError:
             raise
         except (sqlite3.DatabaseError, UnicodeDecodeError) as error:
-            raise _told(error, cast(ReadingConnection, self.connection).path) from error
+            raise refusal(error, cast(ReadingConnection, self.connection).path) from error
 
 
-def _told(error: Exception, path: Path) -> VpfxError:
-    """Return what SQLite refused as an error that says what to do."""
+def refusal(error: Exception, path: Path) -> VpfxError:
+    """Return what SQLite refused to read as an error that says what to do."""
     if error_code(error) == sqlite3.SQLITE_READONLY_ROLLBACK:
         return StoreError(f"{path}: {INTERRUPTED}")
     if error_kind(error) in (sqlite3.SQLITE_BUSY, sqlite3.SQLITE_LOCKED):

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from vpfx.errors import InputError, NotFoundError, StoreError, StoreFormatError
+from vpfx.errors import InputError, NotFoundError, StoreError
 from vpfx.store.arrays import SWEEP, runs_of
 from vpfx.store.classes import (
     KINDS,
@@ -28,7 +28,7 @@ from vpfx.store.classes import (
     read_classes,
     stored,
 )
-from vpfx.store.connection import INTERRUPTED, error_code, error_kind
+from vpfx.store.connection import error_code, error_kind, refusal
 from vpfx.store.contents import check_schema
 from vpfx.store.geopackage import register_class, unregister_class
 from vpfx.store.mapping import unmapped
@@ -105,19 +105,17 @@ def edit_store(path: str | Path) -> Iterator[Editor]:
 def told(error: sqlite3.DatabaseError, path: Path) -> Exception:
     """Return what SQLite refused as an error of vpfx that says what to do."""
     text, kind = str(error), error_kind(error)
-    if error_code(error) == sqlite3.SQLITE_READONLY_ROLLBACK:
-        return StoreError(f"{path}: {INTERRUPTED}")
+    if error_code(error) == sqlite3.SQLITE_READONLY_ROLLBACK or kind == sqlite3.SQLITE_NOTADB:
+        return refusal(error, path)
     if kind in (sqlite3.SQLITE_BUSY, sqlite3.SQLITE_LOCKED):
         return StoreError(f"{path}: is locked: somebody else writes or reads; nothing was changed, try again later")
     if kind in (sqlite3.SQLITE_READONLY, sqlite3.SQLITE_CANTOPEN):
         return StoreError(f"{path}: cannot be written: {text}; allow writing to the file and its folder")
-    if kind == sqlite3.SQLITE_NOTADB:
-        return StoreFormatError(str(path), "", "found no SQLite database, expected a store made by vpfx build")
     if isinstance(error, sqlite3.IntegrityError):
         return InputError(f"{path}: {text}; nothing was changed")
     if isinstance(error, sqlite3.OperationalError):
         return StoreError(f"{path}: cannot be written: {text}")
-    return StoreFormatError(str(path), "", f"found a damaged database ({text}), expected a store made by vpfx build")
+    return refusal(error, path)
 
 
 def recover(path: Path) -> None:
