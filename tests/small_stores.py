@@ -15,8 +15,8 @@ from vpfx.cli import main
 __all__ = ["KINDS", "ask", "build_kind", "clipped"]
 
 KINDS: dict[str, tuple[Any, dict[str, Any]]] = {
-    "one tile": (hills(40, 35), {"max_error": (20, 4)}),
-    "tiles": (hills(40, 35), {"max_error": (20, 4), "tile_size": 12}),
+    "one tile": (hills(32, 28), {"max_error": (20, 4)}),
+    "tiles": (hills(32, 28), {"max_error": (20, 4), "tile_size": 12}),
     "voids in tiles": (VOIDS["ring with island"].heights, {"passes": 2, "tile_size": 8}),
     "T-junctions": (SOLID["cliff"].heights, {"method": "scarlatos", "passes": 3}),
     "pyramid": (hills(30, 30, 3), {"method": "delaunay_pyramid", "max_error": (20, 8, 4)}),

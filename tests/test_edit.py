@@ -320,6 +320,7 @@ def read_on(path, stop, found):
     found.put(count)
 
 
+@pytest.mark.slow
 def test_many_readers_beside_one_writer(path):
     """Processes that read while another one edits see whole transactions, or are told to try again."""
     with vpfx.open_store(path) as store:

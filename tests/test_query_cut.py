@@ -74,7 +74,7 @@ class World:
 @pytest.fixture(scope="module", params=KINDS)
 def world(request, tmp_path_factory):
     surface, options = KINDS[request.param]
-    heights = {"hills": hills(40, 36), "void": VOIDS["ring with island"].heights}[surface]
+    heights = {"hills": hills(32, 29), "void": VOIDS["ring with island"].heights}[surface]
     folder = tmp_path_factory.mktemp("cut")
     dem = write_dem(folder / "a.tif", heights)
     path = vpfx.build(dem, folder / "a.gpkg", **options).path

@@ -16,7 +16,7 @@ from vpfx.query.lines import profile
 from vpfx.query.location import locate
 
 KINDS = {
-    "tiles": (hills(40, 35), {"max_error": (20, 4), "tile_size": 12}),
+    "tiles": (hills(32, 28), {"max_error": (20, 4), "tile_size": 12}),
     "voids": (VOIDS["ring with island"].heights, {"passes": 2, "tile_size": 8}),
     "T-junctions": (SOLID["cliff"].heights, {"method": "scarlatos", "passes": 3}),
 }

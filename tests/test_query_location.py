@@ -19,8 +19,8 @@ from vpfx.errors import InputError, NotFoundError
 from vpfx.query.location import locate
 
 KINDS = {
-    "one tile": (hills(40, 35), {"max_error": (20, 4)}),
-    "tiles": (hills(40, 35), {"max_error": (20, 4), "tile_size": 12}),
+    "one tile": (hills(32, 28), {"max_error": (20, 4)}),
+    "tiles": (hills(32, 28), {"max_error": (20, 4), "tile_size": 12}),
     "voids in tiles": (VOIDS["ring with island"].heights, {"passes": 2, "tile_size": 8}),
     "T-junctions": (SOLID["cliff"].heights, {"method": "scarlatos", "passes": 3}),
 }

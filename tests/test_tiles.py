@@ -135,7 +135,7 @@ def border_nodes(path, lines):
     return found
 
 
-@pytest.mark.parametrize("mode", MODES)
+@pytest.mark.parametrize("mode", EVERY)
 def test_borders_are_decided_by_their_own_posts(mode, tmp_path):
     tiling = Tiling(40, 50, 13, 2)
     lines = tiling.row_lines.tolist(), tiling.col_lines.tolist()
@@ -358,7 +358,7 @@ CHANGES = {
 }
 
 
-@settings(deadline=None, max_examples=150)
+@settings(deadline=None, max_examples=75)
 @given(
     st.sampled_from(["node", "edge", "face", "parent_child"]),
     st.integers(0, 10**6),

@@ -67,7 +67,7 @@ def judge(forest):
 
 
 def undo(forest, cuts, heights, bound):
-    last_first = np.concatenate(cuts)[::-1]
+    last_first = np.concatenate(cuts)[::-1].copy()
     terms = Terms(aspect=1.0, bound=bound, most_thin=np.inf, decay=1.0, diagonal=0, seed=0)
     return undo_breaks(last_first, forest.tree, forest.side_state, forest.face_error, heights, tuple(terms))
 

@@ -69,7 +69,7 @@ def _cut_faces(face_nodes, first, node, pieces):  # type: ignore[no-untyped-def]
            / \ / \          a, r1, r2 … r  along the third, backwards
           a---p---b
     """
-    done = 0
+    done = np.int64(0)
     chain = np.empty((2, len(node) + 2), np.int32)
     for face in range(len(face_nodes)):
         low, high = first[face, :3], first[face, 1:]

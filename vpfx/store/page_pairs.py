@@ -41,7 +41,7 @@ def read_pairs(data, root, lows, highs):
     Cost: O(pages that hold the runs · log n_run + depth of the tree).
     """
     n_page = len(data) // PAGE
-    found, count = np.empty((64, 2), np.int64), 0
+    found, count = np.empty((64, 2), np.int64), np.int64(0)
     pages, states = np.empty(MOST_DEEP, np.int64), np.empty(MOST_DEEP, np.int64)
     pages[0], states[0], depth, seen = root, 0, 1, 0
     while depth > 0:
