@@ -12,7 +12,7 @@ from surfaces import SOLID, VOIDS, hills, write_dem
 import vpfx
 from vpfx.cli import main
 
-__all__ = ["KINDS", "ask", "build_kind", "clipped"]
+__all__ = ["KINDS", "MOST", "ask", "build_kind", "clipped"]
 
 KINDS: dict[str, tuple[Any, dict[str, Any]]] = {
     "one tile": (hills(32, 28), {"max_error": (20, 4)}),
@@ -23,6 +23,8 @@ KINDS: dict[str, tuple[Any, dict[str, Any]]] = {
     "steps": (SOLID["steps"].heights, {"max_error": (4, 1), "tile_size": 8}),
 }
 """Heights and options of `vpfx.build`; each has at least two levels."""
+MOST = [pytest.param(kind, marks=pytest.mark.slow if kind == "steps" else ()) for kind in KINDS]
+"""All of them, for tests whose judges take long."""
 
 
 def build_kind(name: str, folder: Path) -> Path:

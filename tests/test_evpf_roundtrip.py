@@ -17,7 +17,7 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from rasters import CELL, FIXTURES, UTM
 from rasters import VOIDS as VOIDS_FILE
-from small_stores import KINDS, build_kind
+from small_stores import MOST, build_kind
 from surfaces import VOIDS, hills, noise, query, write_dem
 
 import vpfx
@@ -112,7 +112,7 @@ def assert_nodes(store, again):
 # --- stores as they are built -----------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("kind", MOST)
 def test_kinds(kind, tmp_path):
     store = build_kind(kind, tmp_path)
     assert_double(store, tmp_path)
@@ -136,7 +136,9 @@ FIXED = {
 }
 
 
-@pytest.mark.parametrize("name", FIXED)
+@pytest.mark.parametrize(
+    "name", [pytest.param(name, marks=pytest.mark.slow if name in ("quadtree", "filled") else ()) for name in FIXED]
+)
 def test_real_terrain(name, tmp_path):
     dem, options = FIXED[name]
     store = vpfx.build(dem, tmp_path / "a.gpkg", **options).path

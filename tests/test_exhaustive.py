@@ -23,7 +23,7 @@ for name, case in CASES.items():
     mode = {"max_error": (0.4, 0.2)} if case.bounded else {"passes": 2}
     allowed = {"is_adjacent": case.adjacent, "is_nested": case.nested}
     RUNS[name] = allowed, {"method": case.method, **case.options, **mode}
-PARTS = 16  # each test takes every sixteenth grid
+PARTS = 32  # each test takes every 32nd grid
 QUICK = {"wynne": 4}  # parts of the quick stage; one of the others
 EVERY = [
     pytest.param(run, part, marks=() if part < QUICK.get(run, 1) else pytest.mark.slow)

@@ -12,14 +12,14 @@ import numpy as np
 import pytest
 import shapely
 from rasters import CELL
-from small_stores import KINDS, ask, build_kind
+from small_stores import MOST, ask, build_kind
 
 import vpfx
 from vpfx.errors import InputError, NotFoundError
 from vpfx.query.contours import contours, contours_of, even_heights, to_geojson
 
 
-@pytest.fixture(scope="module", params=KINDS)
+@pytest.fixture(scope="module", params=MOST)
 def store(request, tmp_path_factory):
     with vpfx.open_store(build_kind(request.param, tmp_path_factory.mktemp("contours"))) as opened:
         yield opened

@@ -32,6 +32,7 @@ KINDS = {
     "cat": ("hills", {"method": "cat", "max_error": (40, 20, 8)}),
     "restricted_quadtree": ("hills", {"method": "restricted_quadtree", "max_error": (40, 20, 8)}),
 }
+LONG = ("passes", "cat", "restricted_quadtree")
 FACTOR = 3.0
 """Q-340: faces of a cut by those of the least set of faces that holds the tolerance, cracks or not."""
 
@@ -71,7 +72,7 @@ class World:
             yield x0 + x * size, y0 + y * (y1 - y0), top + z
 
 
-@pytest.fixture(scope="module", params=KINDS)
+@pytest.fixture(scope="module", params=[pytest.param(k, marks=pytest.mark.slow if k in LONG else ()) for k in KINDS])
 def world(request, tmp_path_factory):
     surface, options = KINDS[request.param]
     heights = {"hills": hills(32, 29), "void": VOIDS["ring with island"].heights}[surface]

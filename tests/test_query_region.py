@@ -13,7 +13,7 @@ import pytest
 import shapely
 from pyproj import Transformer
 from rasters import CELL
-from small_stores import KINDS, ask, build_kind, clipped
+from small_stores import MOST, ask, build_kind, clipped
 
 import vpfx
 from vpfx.errors import InputError, NotFoundError
@@ -21,7 +21,7 @@ from vpfx.query.nearest import nearest_nodes
 from vpfx.query.region import elevation_range, region, region_rows, to_geojson
 
 
-@pytest.fixture(scope="module", params=KINDS)
+@pytest.fixture(scope="module", params=MOST)
 def store(request, tmp_path_factory):
     with vpfx.open_store(build_kind(request.param, tmp_path_factory.mktemp("region"))) as opened:
         yield opened

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 import shapely
 from rasters import CELL
-from small_stores import KINDS, ask, build_kind
+from small_stores import MOST, ask, build_kind
 from surfaces import write_dem
 
 import vpfx
@@ -23,7 +23,7 @@ BLOCKED, SEEN = 1e-5, 1e-7
 """Metres of ground above a ray: more is surely blocked, less is surely seen."""
 
 
-@pytest.fixture(scope="module", params=KINDS)
+@pytest.fixture(scope="module", params=MOST)
 def store(request, tmp_path_factory):
     with vpfx.open_store(build_kind(request.param, tmp_path_factory.mktemp("sight"))) as opened:
         yield opened

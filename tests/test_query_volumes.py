@@ -10,14 +10,14 @@ import numpy as np
 import pytest
 import shapely
 from rasters import CELL
-from small_stores import KINDS, ask, build_kind, clipped
+from small_stores import MOST, ask, build_kind, clipped
 
 import vpfx
 from vpfx.errors import InputError, NotFoundError
 from vpfx.query.volumes import volume
 
 
-@pytest.fixture(scope="module", params=KINDS)
+@pytest.fixture(scope="module", params=MOST)
 def store(request, tmp_path_factory):
     with vpfx.open_store(build_kind(request.param, tmp_path_factory.mktemp("volumes"))) as opened:
         yield opened
