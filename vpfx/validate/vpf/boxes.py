@@ -8,11 +8,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vpfx.validate.report import ERROR, Defects, Rule, one, some
-from vpfx.validate.vpf.folders import Places, TableData, places, read_index, rectangles, rounded
+from vpfx.validate.vpf.folders import TableData, places, read_index, rectangles, rounded
 from vpfx.validate.vpf.tile import TileData
 from vpfx.vpf import spatial_index
 
-__all__ = ["RULES", "face_boxes", "place_boxes"]
+__all__ = ["RULES"]
 
 Floats = NDArray[np.float64]
 
@@ -23,49 +23,16 @@ SLACK = 1e-3
 INDEXES = {"nsi": "end", "csi": "cnd", "esi": "edg", "fsi": "fac", "tsi": "txt"}
 
 
-def place_boxes(found: Places) -> Floats:
-    """Box of each row, float64 (n_row, 4); NaN where a row has no place.
-
-    Examples
-    --------
-    >>> place_boxes(Places(np.array([0, 2, 2]), np.array([[0, 5, 0], [3, 1, 0.0]]))).tolist()
-    [[0.0, 1.0, 3.0, 5.0], [nan, nan, nan, nan]]
-    """
-    boxes = np.full((len(found.starts) - 1, 4), np.nan)
-    (row,) = np.nonzero(np.diff(found.starts))
-    if len(row):
-        xy, first = found.xyz[:, :2], found.starts[row]
-        boxes[row, :2] = np.minimum.reduceat(xy, first)
-        boxes[row, 2:] = np.maximum.reduceat(xy, first)
-    return boxes
-
-
-def face_boxes(tile: TileData) -> Floats | None:
-    """Box of each face by the edges that name it, float64 (n_face, 4); NaN for the universe, and without edges."""
-    if tile.plane is None or tile.edges is None or tile.n_face is None:
-        return None
-    edge_boxes = np.repeat(place_boxes(tile.edges.places), 2, axis=0)
-    order = np.argsort(tile.plane.side_face, kind="stable")
-    of_side, boxes = tile.plane.side_face[order], np.full((tile.n_face, 4), np.nan)
-    if len(of_side):
-        first = np.flatnonzero(np.concatenate([[True], of_side[1:] != of_side[:-1]]))
-        faces = of_side[first]
-        boxes[faces, :2] = np.minimum.reduceat(edge_boxes[order, :2], first)
-        boxes[faces, 2:] = np.maximum.reduceat(edge_boxes[order, 2:], first)
-    boxes[:1] = np.nan
-    return boxes
-
-
 def _boxes(tile: TileData, primitive: str) -> Floats | None:
     """Box of each primitive of a kind; None if they are not known."""
     if primitive == "edg":
-        return None if tile.edges is None else place_boxes(tile.edges.places)
+        return tile.edge_boxes
     if primitive == "fac":
-        return face_boxes(tile)
+        return tile.face_boxes
     if primitive == "txt":
         table = tile.table("txt")
         found = None if table is None else places(table.rows, "shape_line")
-        return None if found is None else place_boxes(found)
+        return None if found is None else found.boxes()
     xyz = tile.node_places if primitive == "cnd" else tile.entity_places
     return None if xyz is None else np.concatenate([xyz[:, :2], xyz[:, :2]], axis=1)
 

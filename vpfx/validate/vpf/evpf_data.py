@@ -317,7 +317,7 @@ class EvpfData:
         text = self.metadata.get(name, "")
         return int(text) if text.isascii() and text.isdigit() and len(text) < 10 else None
 
-    @property
+    @cached_property
     def is_nested(self) -> bool:
         """Whether each face has one parent: no ``parent.rat`` has areas."""
         return not any(

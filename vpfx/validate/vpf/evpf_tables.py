@@ -12,7 +12,6 @@ from vpfx.errors import StoreFormatError
 from vpfx.store.contents import decode_metadata
 from vpfx.store.tiles import Tiling
 from vpfx.validate.report import ERROR, Defects, Rule, Tally, one, some
-from vpfx.validate.vpf.boxes import face_boxes, place_boxes
 from vpfx.validate.vpf.evpf_data import MOST_TILES, EvpfData, EvpfTile, LevelTables
 from vpfx.validate.vpf.folders import TableData, rectangles
 from vpfx.vpf.spatial_index import outward
@@ -123,16 +122,16 @@ def check_precision(tile: EvpfTile) -> Iterator[Defects]:
 
 def check_boxes(tile: EvpfTile) -> Iterator[Defects]:
     """Rectangles are those of edges and faces, rounded outwards; that of the universe is the one round all of them."""
-    edges, faces = tile.tile.edges, face_boxes(tile.tile)
+    edges, faces = tile.tile.edge_boxes, tile.tile.face_boxes
     if edges is None or faces is None or len(faces) < 2:
         return
-    if (np.abs(edges.places.xyz[:, :2]) > np.finfo(np.float32).max).any():
+    if (np.abs(edges) > np.finfo(np.float32).max).any():
         yield one(
             tile.tile.place("edg"), "found a place beyond single precision, expected one that rectangles can hold"
         )
         return
-    faces[0, :2], faces[0, 2:] = faces[1:, :2].min(axis=0), faces[1:, 2:].max(axis=0)
-    for name, expected in (("ebr", outward(place_boxes(edges.places))), ("fbr", outward(faces))):
+    universe = [*faces[1:, :2].min(axis=0), *faces[1:, 2:].max(axis=0)]
+    for name, expected in (("ebr", outward(edges)), ("fbr", outward(np.vstack([universe, faces[1:]])))):
         table = tile.tile.table(name)
         found = rectangles(table)
         if table is not None and found is not None and found.shape == expected.shape:

@@ -74,6 +74,22 @@ class Places(NamedTuple):
     starts: Ids
     xyz: NDArray[np.float64]
 
+    def boxes(self) -> NDArray[np.float64]:
+        """Box of each row, float64 (n_row, 4); NaN where a row has no place.
+
+        Examples
+        --------
+        >>> Places(np.array([0, 2, 2]), np.array([[0, 5, 0], [3, 1, 0.0]])).boxes().tolist()
+        [[0.0, 1.0, 3.0, 5.0], [nan, nan, nan, nan]]
+        """
+        boxes = np.full((len(self.starts) - 1, 4), np.nan)
+        (row,) = np.nonzero(np.diff(self.starts))
+        if len(row):
+            xy, first = self.xyz[:, :2], self.starts[row]
+            boxes[row, :2] = np.minimum.reduceat(xy, first)
+            boxes[row, 2:] = np.maximum.reduceat(xy, first)
+        return boxes
+
 
 class Folder:
     """A directory and what is in it, by names in lower case without a dot behind them.

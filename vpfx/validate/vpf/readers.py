@@ -13,7 +13,7 @@ from vpfx.validate.vpf.names import INDEX_FILE, FolderData
 from vpfx.validate.vpf.parts import CoverageData
 from vpfx.validate.vpf.tables import ScannedTable
 from vpfx.validate.vpf.tile import TileData
-from vpfx.validate.vpf.tiling import all_places, library_box
+from vpfx.validate.vpf.tiling import library_box
 from vpfx.vpf.index_file import index_name
 from vpfx.vpf.layouts import PRIMITIVES
 
@@ -102,7 +102,7 @@ def check_margin(tile: TileData) -> Iterator[Defects]:
     box = None if library is None else library_box(library.extent)
     if box is None:
         return
-    xy = all_places(tile)
+    xy = tile.all_places
     is_on = (xy == box[:2]).any(axis=1) | (xy == box[2:]).any(axis=1)
     if is_on.any():
         found = f"found {is_on.sum()} of {len(xy)} places on the sides of the extent in lat"

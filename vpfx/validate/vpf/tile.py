@@ -173,6 +173,37 @@ class TileData:
             found,
         )
 
+    @cached_property
+    def all_places(self) -> NDArray[np.float64]:
+        """Places of all nodes and edges, float64 (n, 2); those that are numbers."""
+        parts = [part[:, :2] for part in (self.node_places, self.entity_places) if part is not None]
+        if self.edges is not None:
+            parts.append(self.edges.places.xyz[:, :2])
+        xy = np.concatenate(parts) if parts else np.zeros((0, 2))
+        found: NDArray[np.float64] = xy[np.isfinite(xy).all(axis=1)]
+        return found
+
+    @cached_property
+    def edge_boxes(self) -> NDArray[np.float64] | None:
+        """Box of each edge, float64 (n_edge, 4); NaN where it has no place."""
+        return None if self.edges is None else self.edges.places.boxes()
+
+    @cached_property
+    def face_boxes(self) -> NDArray[np.float64] | None:
+        """Box of each face by the edges that name it, float64 (n_face, 4); NaN for the universe, and without edges."""
+        if self.plane is None or self.edge_boxes is None or self.n_face is None:
+            return None
+        edge_boxes = np.repeat(self.edge_boxes, 2, axis=0)
+        order = np.argsort(self.plane.side_face, kind="stable")
+        of_side, boxes = self.plane.side_face[order], np.full((self.n_face, 4), np.nan)
+        if len(of_side):
+            first = np.flatnonzero(np.concatenate([[True], of_side[1:] != of_side[:-1]]))
+            faces = of_side[first]
+            boxes[faces, :2] = np.minimum.reduceat(edge_boxes[order, :2], first)
+            boxes[faces, 2:] = np.maximum.reduceat(edge_boxes[order, 2:], first)
+        boxes[:1] = np.nan
+        return boxes
+
     @property
     def n_face(self) -> int | None:
         """Rows of ``fac``; None if there is no such table, or it is broken."""

@@ -21,7 +21,7 @@ from vpfx.validate.vpf.folders import rounded
 from vpfx.validate.vpf.parts import CoverageData, LibraryData
 from vpfx.validate.vpf.tile import TileData
 
-__all__ = ["RULES", "BorderEdges", "Borders", "all_places", "library_box"]
+__all__ = ["RULES", "BorderEdges", "Borders", "library_box"]
 
 Ids = NDArray[np.int64]
 
@@ -52,17 +52,8 @@ def check_rows(library: LibraryData) -> Iterator[Defects]:
             yield one(where, f"found no rectangle for face {row.face} in fbr, expected one")
 
 
-def all_places(tile: TileData) -> NDArray[np.float64]:
-    """Places of all nodes and edges of a tile, float64 (n, 2)."""
-    parts = [part[:, :2] for part in (tile.node_places, tile.entity_places) if part is not None]
-    if tile.edges is not None:
-        parts.append(tile.edges.places.xyz[:, :2])
-    xy = np.concatenate(parts) if parts else np.zeros((0, 2))
-    return xy[np.isfinite(xy).all(axis=1)]
-
-
 def _outside(tile: TileData, box: NDArray[np.float64], what: str) -> Iterator[Defects]:
-    xy = all_places(tile)
+    xy = tile.all_places
     is_out = (xy < box[:2]).any(axis=1) | (xy > box[2:]).any(axis=1)
     if is_out.any():
         found = f"found {is_out.sum()} of {len(xy)} places outside {what} {rounded(box)}"
