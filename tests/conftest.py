@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import signal
 from collections import Counter
+from collections.abc import Collection, Iterable
 from pathlib import Path
+from typing import Any
 
 import pytest
 from hypothesis import HealthCheck, settings
@@ -32,6 +34,11 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
         return (1, n, name) if name.startswith(BESIDE) else (2, -n, str(item.path))
 
     items.sort(key=rank)
+
+
+def slow_apart(values: Iterable[Any], slow: Collection[Any]) -> list[Any]:
+    """Return values as parameters of tests, of which some stand in the slow stage."""
+    return [pytest.param(value, marks=pytest.mark.slow if value in slow else ()) for value in values]
 
 
 SHARED = Path(__file__).resolve().parents[2] / "shared"

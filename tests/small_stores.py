@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from conftest import slow_apart
 from surfaces import SOLID, VOIDS, hills, write_dem
 
 import vpfx
@@ -23,7 +24,7 @@ KINDS: dict[str, tuple[Any, dict[str, Any]]] = {
     "steps": (SOLID["steps"].heights, {"max_error": (4, 1), "tile_size": 8}),
 }
 """Heights and options of `vpfx.build`; each has at least two levels."""
-MOST = [pytest.param(kind, marks=pytest.mark.slow if kind == "steps" else ()) for kind in KINDS]
+MOST = slow_apart(KINDS, ["steps"])
 """All of them, for tests whose judges take long."""
 
 

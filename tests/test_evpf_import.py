@@ -12,7 +12,7 @@ from contextlib import closing
 
 import numpy as np
 import pytest
-from conftest import shared_vpf
+from conftest import shared_vpf, slow_apart
 from hypothesis import given
 from hypothesis import strategies as st
 from invariants_store import judge_edges, read_level, read_tables
@@ -141,7 +141,7 @@ def damaged(data, chance):
     return changed
 
 
-@pytest.mark.parametrize("n", [12, pytest.param(200, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("n", slow_apart([12, 200], [200]))
 def test_damage(exported, copy, n):
     """Whatever bytes are changed there is an error, the same store, or one that is whole."""
     chance = random.Random(n)

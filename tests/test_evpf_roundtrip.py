@@ -13,6 +13,7 @@ from tempfile import TemporaryDirectory
 
 import numpy as np
 import pytest
+from conftest import slow_apart
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from rasters import CELL, FIXTURES, UTM
@@ -136,9 +137,7 @@ FIXED = {
 }
 
 
-@pytest.mark.parametrize(
-    "name", [pytest.param(name, marks=pytest.mark.slow if name in ("quadtree", "filled") else ()) for name in FIXED]
-)
+@pytest.mark.parametrize("name", slow_apart(FIXED, ["quadtree", "filled"]))
 def test_real_terrain(name, tmp_path):
     dem, options = FIXED[name]
     store = vpfx.build(dem, tmp_path / "a.gpkg", **options).path

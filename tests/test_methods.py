@@ -9,6 +9,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import pytest
+from conftest import slow_apart
 from invariants import judge_hierarchy
 from invariants_ground import find_ground
 from surfaces import NO_GROUND, SOLID, SURFACES, VOIDS, bounds_of, noise, relief_of
@@ -104,7 +105,7 @@ def test_the_page_tells_of_every_method():
 
 @pytest.mark.parametrize("surface", SURFACES)
 @pytest.mark.parametrize("case", CASES)
-@pytest.mark.parametrize("mode", ["bounds", "passes", pytest.param("small squares", marks=pytest.mark.slow), "filled"])
+@pytest.mark.parametrize("mode", slow_apart(["bounds", "passes", "small squares", "filled"], ["small squares"]))
 def test_methods_keep_what_they_say(mode, case, surface):
     grid, case = SURFACES[surface], CASES[case]
     modes = {

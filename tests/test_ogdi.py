@@ -17,7 +17,7 @@ import numpy as np
 import pyogrio
 import pytest
 import shapely
-from conftest import shared_vpf
+from conftest import shared_vpf, slow_apart
 from numpy.typing import NDArray
 
 import vpfx
@@ -89,7 +89,7 @@ def attach_soil(path: Path) -> None:
 
 @pytest.fixture(
     scope="module",
-    params=["cell", "voids", *(pytest.param(name, marks=pytest.mark.slow) for name in ("cell, double", "one tile"))],
+    params=slow_apart(["cell", "voids", "cell, double", "one tile"], ["cell, double", "one tile"]),
 )
 def exported(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path, bool]:
     """Return a store, the library it was exported to, and whether its coordinates are doubles."""

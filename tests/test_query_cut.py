@@ -10,6 +10,7 @@ from functools import cached_property
 import numpy as np
 import pytest
 import shapely
+from conftest import slow_apart
 from invariants_mesh import border_length, judge_mesh, total_area
 from rasters import CELL
 from surfaces import SOLID, VOIDS, hills, write_dem
@@ -72,7 +73,7 @@ class World:
             yield x0 + x * size, y0 + y * (y1 - y0), top + z
 
 
-@pytest.fixture(scope="module", params=[pytest.param(k, marks=pytest.mark.slow if k in LONG else ()) for k in KINDS])
+@pytest.fixture(scope="module", params=slow_apart(KINDS, LONG))
 def world(request, tmp_path_factory):
     surface, options = KINDS[request.param]
     heights = {"hills": hills(32, 29), "void": VOIDS["ring with island"].heights}[surface]

@@ -7,7 +7,7 @@ import json
 import numpy as np
 import pytest
 import shapely
-from surfaces import SOLID, VOIDS, hills, write_dem
+from small_stores import build_kind
 
 import vpfx
 from vpfx.cli import main
@@ -15,19 +15,10 @@ from vpfx.errors import InputError, NotFoundError
 from vpfx.query.lines import profile
 from vpfx.query.location import locate
 
-KINDS = {
-    "tiles": (hills(32, 28), {"max_error": (20, 4), "tile_size": 12}),
-    "voids": (VOIDS["ring with island"].heights, {"passes": 2, "tile_size": 8}),
-    "T-junctions": (SOLID["cliff"].heights, {"method": "scarlatos", "passes": 3}),
-}
 
-
-@pytest.fixture(scope="module", params=KINDS)
+@pytest.fixture(scope="module", params=["tiles", "voids in tiles", "T-junctions"])
 def store(request, tmp_path_factory):
-    heights, options = KINDS[request.param]
-    folder = tmp_path_factory.mktemp("lines")
-    path = vpfx.build(write_dem(folder / "a.tif", heights), folder / "a.gpkg", **options).path
-    with vpfx.open_store(path) as opened:
+    with vpfx.open_store(build_kind(request.param, tmp_path_factory.mktemp("lines"))) as opened:
         yield opened
 
 

@@ -9,6 +9,7 @@ from contextlib import closing
 
 import numpy as np
 import pytest
+from conftest import slow_apart
 from surfaces import SOLID, VOIDS, hills, write_dem
 
 import vpfx
@@ -129,7 +130,7 @@ def test_rings_are_in_order(world):
                     assert {*ends[edges[j]], *ends[following]} <= set(tables.corners[face])
 
 
-@pytest.mark.parametrize("k", [0, 1, 3, pytest.param(100, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("k", slow_apart([0, 1, 3, 100], [100]))
 @pytest.mark.parametrize("over", ["edge", "node"])
 def test_k_rings(k, over, world):
     store, tables = world

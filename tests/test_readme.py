@@ -11,6 +11,7 @@ from contextlib import closing
 from pathlib import Path
 
 import pytest
+from conftest import slow_apart
 
 from vpfx.pipeline import build
 from vpfx.store.tiles import Tiling
@@ -59,9 +60,7 @@ def test_sqlite3_prints_what_the_page_shows(printed):
     assert [[str(value) for value in row] for row in rows] == [line.split() for line in expected]
 
 
-@pytest.mark.parametrize(
-    "options", [pytest.param(mode, marks=pytest.mark.slow if "--max-faces" in mode else ()) for mode in MODES]
-)
+@pytest.mark.parametrize("options", slow_apart(MODES, ["--max-faces 1000,4000"]))
 def test_worked_numbers_of_the_options(options, tmp_path):
     numbers = re.search(rf"^\| `{options}` \|.*\| (.*?) \|$", README, re.MULTILINE)[1].replace(",", "")
     report = build(ROOT / CELL, tmp_path / "a.gpkg", **MODES[options])

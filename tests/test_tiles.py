@@ -12,6 +12,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from conftest import slow_apart
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from invariants import judge_store
@@ -40,7 +41,7 @@ MODES = {
     "delaunay": {"passes": 1, "start": "delaunay", "start_posts": 10, "diagonal": "random"},
 }
 LONG = ("fitted for rmse", "pyramid, passes", "ternary")
-EVERY = [pytest.param(mode, marks=pytest.mark.slow if mode in LONG else ()) for mode in MODES]
+EVERY = slow_apart(MODES, LONG)
 
 
 def crop(path, rows=slice(0, 90), cols=slice(0, 120), **options):
@@ -64,7 +65,7 @@ def build_and_judge(dems, output, **options):
 # --- any cut, any workers, any files -------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("tile_size", [17, pytest.param(32, marks=pytest.mark.slow), 1000])
+@pytest.mark.parametrize("tile_size", slow_apart([17, 32, 1000], [32]))
 @pytest.mark.parametrize("mode", EVERY)
 def test_terrain_in_tiles(mode, tile_size, tmp_path):
     dem = crop(tmp_path / "nm.tif")
@@ -83,7 +84,7 @@ def test_any_number_of_workers_gives_the_same_bytes(mode, tmp_path):
     assert all(store == stores[0] for store in stores[1:])
 
 
-@pytest.mark.parametrize("cut", [46, pytest.param(45, marks=pytest.mark.slow), 13])
+@pytest.mark.parametrize("cut", slow_apart([46, 45, 13], [45]))
 @pytest.mark.parametrize("mode", EVERY)
 def test_two_files_give_what_their_mosaic_gives(mode, cut, tmp_path):
     """The files share a row of posts, which lies on a tile border or not."""
@@ -177,7 +178,7 @@ WINDOWS = {
 }
 
 
-@pytest.mark.parametrize("fill", [False, pytest.param(True, marks=pytest.mark.slow)], ids=["open", "filled"])
+@pytest.mark.parametrize("fill", slow_apart([False, True], [True]), ids=["open", "filled"])
 @pytest.mark.parametrize("name", WINDOWS)
 def test_voids_beside_borders(name, fill, tmp_path):
     heights = hills(33, 33)
