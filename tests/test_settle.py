@@ -85,7 +85,7 @@ def tried(corners, nodes, heights, flip, limits):
     return try_cut(0, flip, 0, posts, n_post, rows, face_nodes, side_node, limits), n_post
 
 
-@settings(deadline=None, max_examples=40)
+@settings(deadline=None, max_examples=80)
 @given(cut_faces(), st.booleans(), st.sampled_from([0.5, 3.0, 8.0, 15.0, 30.0]))
 def test_a_cut_on_trial_holds_where_no_post_is_off(face, flip, bound):
     is_face, corners, nodes, heights = face
@@ -137,7 +137,7 @@ def forest_over(heights):
     return Forest(nodes, SQUARES.copy(), np.zeros(len(SQUARES), bool))
 
 
-@settings(deadline=None, max_examples=15)
+@settings(deadline=None, max_examples=30)
 @given(st.integers(0, 10**6), st.floats(0.3, 2.0))
 def test_settled_faces_hold_and_nothing_that_held_is_spoilt(seed, bound):
     rng = np.random.default_rng(seed)

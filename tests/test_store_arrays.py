@@ -71,7 +71,7 @@ def test_rows_are_those_of_sql(table, stores):
             reader = TableReader(connection, path)
             ids = [row[0] for row in connection.execute(f"SELECT {table}_id FROM {table} ORDER BY 1")]
             ranges = [(1, 2**62), (ids[0], ids[0]), (ids[-1], ids[-1]), (ids[-1] + 1, 2**62), (5, 4)]
-            ranges += [tuple(sorted(rng.choice(ids, 2).tolist())) for _ in range(8)]
+            ranges += [tuple(sorted(rng.choice(ids, 2).tolist())) for _ in range(20)]
             ranges += [(low - 1, high + 1) for low, high in ranges[-5:]]
             for low, high in ranges:
                 check(reader.rows(table, [(low, high)]), by_sql(connection, table, low, high))
@@ -86,7 +86,7 @@ def test_links_are_those_of_sql(own, other, stores):
             reader = TableReader(connection, path)
             (last,) = connection.execute(f"SELECT max({own}) FROM parent_child").fetchone()
             runs = [(-5, 2**62), (1, 1), (last, last), (last + 1, 2**62), (5, 4)]
-            runs += [tuple(np.sort(rng.integers(0, last + 2, 2)).tolist()) for _ in range(12)]
+            runs += [tuple(np.sort(rng.integers(0, last + 2, 2)).tolist()) for _ in range(30)]
             for run in runs:
                 assert reader.links(own, [run]).tolist() == [list(row) for row in connection.execute(query, run)]
             several = sorted(rng.choice(last, 8, replace=False).tolist())

@@ -140,7 +140,7 @@ def test_boxes_find_what_they_touch(store, layer):
     everything = features(store, layer)
     ids, shapes = list(everything), np.array([geometry for geometry, _ in everything.values()])
     random, counts = np.random.default_rng(4), set()
-    for i in range(18):
+    for i in range(30):
         x, y = (np.sort(random.uniform(-100.0, side, 2)) for side in (49 * 30 + 100, 40 * 30 + 100))
         if i % 3 == 0:  # the sides of the box run through posts
             x, y = np.round(x / 30) * 30, np.round(y / 30) * 30
